@@ -1,6 +1,5 @@
-//! The device record of the image, the commit that it was built from, and link arguments. Those stand here and not in
-//! .cargo/config.toml, because an environment variable RUSTFLAGS silently replaces those and yields an image without
-//! vectors.
+//! Puts the device record and the commit into an image, and sets the link arguments. The link arguments are not in
+//! .cargo/config.toml. There an environment variable RUSTFLAGS replaces them silently, and the image has no vectors.
 
 use std::{
     env, fs,
@@ -8,7 +7,7 @@ use std::{
     process::{self, Command},
 };
 
-/// First bytes of a device record, and where its board's name is (src/device/record.rs).
+/// First bytes of a device record. The next line: offset of its board's name (src/device/record.rs).
 const MAGIC: &[u8] = b"ZWD";
 const BOARD_AT: usize = 12;
 const BOARD_LENGTH: usize = 16;
@@ -41,8 +40,9 @@ fn main() {
     }
 }
 
-/// The device record that the image begins with: the file that ZWIDTH_DEVICE names, or that of the board's own scene.
-/// Whether it is whole the firmware checks at boot, with code that this script cannot use: the package's own.
+/// The first device record of the image: the file that ZWIDTH_DEVICE names, or the record of the board's own scene. The
+/// firmware checks at boot whether the record is complete. This script cannot, because it cannot use the package's own
+/// code.
 fn record(board: &str) -> Vec<u8> {
     println!("cargo:rerun-if-env-changed=ZWIDTH_DEVICE");
     let given = env::var_os("ZWIDTH_DEVICE").filter(|path| !path.is_empty());
@@ -61,13 +61,14 @@ fn record(board: &str) -> Vec<u8> {
     bytes
 }
 
-/// What of the package is in an image. The device record beside it has a hash of its own.
+/// Files of the package that an image is made of. The device record has a hash of its own.
 const SOURCES: [&str; 7] =
     [".cargo", "Cargo.lock", "Cargo.toml", "build.rs", "memory.x", "rust-toolchain.toml", "src"];
 
-/// The commit of the package in that folder, 12 digits, with `-dirty` if what the image is made of is not as committed;
-/// `unknown` without git, as in a source archive, also in one that was unpacked inside another repository. And the files
-/// by which a change is seen. On the host nothing depends on it, so a commit builds the image anew and nothing else.
+/// The commit of the package in that folder, and the files that cargo watches for a change. The commit has 12 digits,
+/// and ends in `-dirty` if a source of the image is not as committed. It is `unknown` in a source archive without git,
+/// even if the archive is unpacked inside another repository. On the host nothing depends on the commit, so a new
+/// commit rebuilds the image only.
 pub fn commit(folder: &Path) -> (String, Vec<PathBuf>) {
     let git = |words: &[&str]| {
         let mut git = Command::new("git");
@@ -79,7 +80,7 @@ pub fn commit(folder: &Path) -> (String, Vec<PathBuf>) {
         told.status.success().then(|| text.trim_end().to_owned())
     };
     let unknown = || ("unknown".into(), SOURCES.iter().map(|path| folder.join(path)).collect());
-    // Empty: the package is the top of the repository.
+    // An empty prefix: the package is the top of the repository.
     if git(&["rev-parse", "--show-prefix"]).is_none_or(|prefix| !prefix.is_empty()) {
         return unknown();
     }

@@ -15,8 +15,8 @@ use crate::{
 pub enum Output {
     /// No quantisation: the simulator's ideal output. The code is the force in LSB of 2^-30.
     Continuous,
-    /// A DAC with offset binary codes `0 ..= 2^bits - 1`: zero force at `2^(bits-1)`, full scale
-    /// `2^(bits-1) - 1` codes away from it on both sides.
+    /// A DAC with offset binary codes `0 ..= 2^bits - 1`. Zero force is at `2^(bits-1)`. Full scale is `2^(bits-1) - 1`
+    /// codes away from it on both sides.
     Dac {
         /// Resolution, 2 to 24 bits.
         bits: u32,
@@ -62,7 +62,7 @@ impl Actuator {
         })
     }
 
-    /// The nearest code; halves round away from zero force, the same on both sides.
+    /// The nearest code. Halves round away from zero force, the same on both sides.
     #[inline]
     pub fn command(&self, force: Force) -> OutputCode {
         let bits = i64::from(force.bits());
@@ -73,7 +73,7 @@ impl Actuator {
         OutputCode(self.zero + if bits < 0 { -codes } else { codes })
     }
 
-    /// The code that asks for no force.
+    /// The code of zero force.
     pub fn zero(&self) -> OutputCode {
         OutputCode(self.zero)
     }

@@ -1,13 +1,13 @@
-//! Tests that low-passes, gains, wall, actuator and RMS cannot overflow, for all inputs at once. Other estimators whose
-//! arithmetic has this shape have the same tests in their own files (`fir.rs`, `kalman.rs`, `observer.rs`). Levant's
-//! differentiator (a root), adaptive windowing and time stamps (divisions, windows that depend on the data) do not have
-//! this shape: they are only tried with random motion and senses.
+//! Tests that low-passes, gains, wall, actuator and RMS cannot overflow, for all inputs at once. `fir.rs`, `kalman.rs`
+//! and `observer.rs` have the same tests for their estimators. Levant's differentiator, adaptive windowing and time
+//! stamps are only tried with random motion and senses. Their arithmetic does not have the shape that is described
+//! below: the first has a root, the others have divisions, and windows that depend on the data.
 //!
-//! Every intermediate of the arithmetic below is, in each of its arguments alone, affine or monotone
-//! (products, sums, shifts, clamps). So is each partial sum, and its extremes over a box of arguments
-//! lie at corners of the box. The tests run the very functions of the core at all corners of the boxes
-//! that their callers can reach, with overflow checks on: a corner that passes bounds the whole box.
-//! Coefficients are arguments like any other, so one run stands for every cutoff and rate.
+//! Every intermediate of the arithmetic below is affine or monotone in each of its arguments alone (products, sums,
+//! shifts, clamps). So is each partial sum. So the extremes over a box of arguments lie at corners of the box. The
+//! tests run the core's own functions, with overflow checks on, at all corners of the boxes that their callers can
+//! reach. If no corner overflows, no point of the box does. Coefficients are arguments like any other, so one run
+//! covers every cutoff and rate.
 //!
 //! Kani would do the same with a solver. This shape of arithmetic does not need it.
 
@@ -27,13 +27,13 @@ pub(crate) fn corners<T: Copy, const N: usize>(ends: [[T; 2]; N]) -> impl Iterat
     (0u32..1 << N).map(move |choice| core::array::from_fn(|n| ends[n][(choice >> n & 1) as usize]))
 }
 
-/// Boxes that hold the coefficients of all accepted low-passes, order 1 and 2, both ways of warping. There is one box
-/// for each of many small ranges of the cutoff. In one box over all cutoffs the corners would pair coefficients that
-/// never occur together.
+/// Boxes that hold the coefficients of all accepted low-passes, order 1 and 2, both ways of warping. Each of many small
+/// ranges of the cutoff has its own box. In one box over all cutoffs the corners would pair coefficients that never
+/// occur together.
 fn coefficient_boxes() -> Vec<[[i32; 2]; 5]> {
     const BOXES: u32 = 64;
-    /// Cutoffs that are computed in each range, its two ends among them. Between two of these every coefficient is
-    /// monotone, or bends by less than the margin.
+    /// Cutoffs that are computed in each range, with both ends. Between two of them every coefficient is monotone, or
+    /// bends by less than the margin.
     const LOOKS: u32 = 64;
     const MARGIN: i32 = 1 << 12;
     let cutoff = |n: u32| {
@@ -97,7 +97,7 @@ fn a_low_pass_never_overflows_whatever_the_cutoff_and_its_state() {
     }
 }
 
-/// The positive control: with coefficients beyond all that is accepted the same test finds an overflow.
+/// The positive control: with coefficients beyond the accepted ones the same test finds an overflow.
 #[test]
 #[cfg_attr(miri, ignore = "millions of corners")]
 #[should_panic(expected = "overflow")]
@@ -152,8 +152,8 @@ fn products_walls_and_codes_never_overflow() {
     }
 }
 
-/// The sums of an RMS at their longest and widest: 2^24 samples, 2^31 counts from the first. The test sets them
-/// directly: with each sample sum and sum of squares grow by at most this much.
+/// The sums of an RMS at their largest: 2^24 samples, 2^31 counts from the first. The test sets the sums directly. Each
+/// sample adds at most this much to the sum and to the sum of squares.
 #[test]
 fn the_sums_of_a_hit_hold_its_longest_window() {
     let mut scatter = RunningVariance::at_its_widest(1 << 24);

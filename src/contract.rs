@@ -1,33 +1,33 @@
-//! What a board gives to the tasks, in one list; `src/board` of the firmware implements it once per board.
+//! The interface between board and tasks. `src/board` of the firmware implements it once per board.
 //!
 //! | part | asked by | what for |
 //! |---|---|---|
-//! | [`Encoder`] | `sample` | the count, first of all; other senses after it |
+//! | [`Encoder`] | `sample` | the count, read first of all; then other senses |
 //! | [`SampleTimer`] | `sample` | one interrupt per sample |
 //! | [`ForceOutput`], [`Enable`] in a [`Drive`] | `render` | the command, and whether it acts |
 //! | [`EmergencyStop`] on a pin | `render` | the switch |
 //! | [`Supply`] | `render`, its own interrupt | off when the supply falls |
 //! | [`DebugHalts`] | `render`, `link` | time that passed without samples, and their rate; a clock |
-//! | [`SetUp`] | `render` | registers that are not as they were set up |
+//! | [`SetUp`] | `render` | check of the registers for changes after set-up |
 //! | [`ReadBack`] | `render` | voltage of the force output, current of the motor |
 //! | [`FaultMemory`] | `render` | the first fault, over a reset |
 //! | [`NorFlash`], [`UpChannel`], [`CommandChannel`] | `link` | settings, telemetry and replies, commands |
 //! | [`OutputWatchdog`] | `render` | enable off, in hardware, when outputs stop |
-//! | [`SelfTest`] | `link` | what the board finds out about itself |
+//! | [`SelfTest`] | `link` | tests of the board's hardware |
 //! | [`Watchdog`] | `idle` | reset when the tasks stop |
 //!
-//! `sample` has the highest priority (15), then `render` and the supply's interrupt (14), `link` (1), `idle` (0). What
-//! `sample` and `render` call is inlined, takes a bounded number of cycles (no waiting, no lock, no panic), and has a
-//! concrete type, so it costs no more than the register accesses. [`off`] works at every priority, and in the panic and
-//! fault handlers.
+//! `sample` has the highest priority (15), then `render` and the supply's interrupt (14), `link` (1), `idle` (0).
+//! Functions that `sample` and `render` call are inlined and have a concrete type, so they cost no more than the
+//! register accesses. They take a bounded number of cycles: they do not wait, lock or panic. [`off`] works at every
+//! priority, and in the panic and fault handlers.
 //!
 //! **Signs.** In the whole core, into the wall is positive: the count rises into the wall, and a positive
 //! [`OutputCode`] pushes into it. Only [`Encoder::turn`] and `mirrored` adapt a board's own polarity (which channel
-//! leads, which way a motor is wound), from the settings `encoder` and `motor`. The sign test of `arm` finds out
-//! whether both together are right.
+//! leads, which way a motor is wound). The settings `encoder` and `motor` control them. The sign test of `arm` checks
+//! that both together are right.
 //!
 //! Traits of other crates are used where they fit: [`InputPin`] for the switch, [`NorFlash`] for the settings. Others
-//! do not fit. `OutputPin` has an owner, but any task may drop enable, and on our boards hardware drops it too.
+//! do not fit. `OutputPin` has one owner, but any task may switch enable off, and on our boards hardware does so too.
 //! `SetDutyCycle` sets one channel, but magnitude and sign change together. embedded-hal 1.0 has no quadrature counter,
 //! converter, timer or watchdog. `embedded_io` waits for room or for data.
 
@@ -50,11 +50,11 @@ pub const RATE_HZ: u32 = 1000 * SAMPLES_PER_MS;
 pub trait Board: Sized {
     /// Name of the board. The feature that selects it, its scene and `--board` have the same name.
     const NAME: &'static str;
-    /// Kind of force output, with its codes.
+    /// Kind and code range of the force output.
     const OUTPUT: Output;
-    /// What an estimator can look at beside the count.
+    /// Senses that an estimator can use beside the count.
     const SENSES: &'static [Sense];
-    /// From the counter's reading to the force, samples. The board's scene has the same number.
+    /// Time from the counter's reading to the force, samples. The board's scene has the same number.
     const LATENCY_SAMPLES: f64;
 
     /// All peripherals of the chip.
@@ -73,9 +73,9 @@ pub trait Board: Sized {
     type StopInput: InputPin;
     /// Detector of a low supply voltage.
     type Supply: Supply;
-    /// Halts by a debugger.
+    /// Detector of halts by a debugger.
     type DebugHalts: DebugHalts;
-    /// Enable off when outputs stop.
+    /// Switches enable off when outputs stop.
     type OutputWatchdog: OutputWatchdog;
     /// Registers that decide about the force.
     type SetUp: SetUp;
@@ -83,56 +83,56 @@ pub trait Board: Sized {
     type ReadBack: ReadBack;
     /// Self-test of the board's hardware.
     type SelfTest: SelfTest;
-    /// Reset when the tasks stop.
+    /// Resets the chip when the tasks stop.
     type Watchdog: Watchdog;
-    /// What a reset must not wipe out.
+    /// Memory that a reset does not erase.
     type FaultMemory: FaultMemory;
-    /// Two erase blocks for the settings, and nothing else in it.
+    /// Flash with two erase blocks for the settings, and nothing else.
     type Flash: NorFlash<Error = FlashError>;
     /// Channel of bytes towards the host.
     type Up: UpChannel;
     /// Channel of commands from the host.
     type Commands: CommandChannel;
 
-    /// Sets the board up. Force and enable are off before anything that may take time. The timers of the control do not
-    /// run yet.
+    /// Sets the board up. Force and enable are off before anything that may take time. The timers of the control are
+    /// not started yet.
     fn take(device: Self::Device, core: Self::Core) -> Parts<Self>;
 
-    /// Pends the interrupt of `render`; by `sample`.
+    /// Pends the interrupt of `render`. Called by `sample`.
     fn request_render();
 
-    /// Pends the interrupt of `link`; by `render`.
+    /// Pends the interrupt of `link`. Called by `render`.
     fn request_link();
 
-    /// Switches off for good, and writes this fault to the memory that outlives the coming reset. Any task may call it;
-    /// nothing runs after it.
+    /// Switches off for good. Writes this fault to the memory that keeps it over the coming reset. Any task may call
+    /// it. Nothing runs after it.
     fn end(fault: Fault) -> !;
 
-    /// Lines of the log that found no room, ever; wraps.
+    /// Lines of the log that were dropped for lack of room since the start; wraps.
     fn log_dropped() -> u32;
 }
 
-/// Starts the encoder, the output's clock and, right after that, the sampling: the time between the two sets the phase
-/// of a PWM. Call it once, with all interrupts on.
+/// Starts the encoder and the output's clock, and then at once the sampling. The time between the last two sets the
+/// phase of a PWM. Call it once, with all interrupts on.
 pub fn start<E: Encoder, F: ForceOutput, T: SampleTimer>() {
     E::start();
     F::start();
     T::start();
 }
 
-/// Off: enable inactive first, then zero force. For any task and handler; a few stores.
+/// Switches off: first enable inactive, then zero force. A few stores, for any task and handler.
 #[inline(always)]
 pub fn off<F: ForceOutput, E: Enable>() {
     E::off();
     F::zero();
 }
 
-/// What a board reports at an output. `switched_on`: the output task has switched the amplifier on; `found`: faults
-/// found after the last output; then the number of the sample, and the samples from output to output.
+/// Reads what a board reports at an output. `switched_on`: the task `render` has switched the amplifier on. `found`:
+/// faults found since the last output. `sample`: number of the sample. `period`: samples from output to output.
 ///
-/// Effects are read before their causes: enable before what drops it, the note that the stop was open before the stop's
-/// level. So an effect that is read always has its cause, whatever happens between two reads, and no stop is taken for
-/// a halt. Read the guard's findings, the other cause, after this.
+/// Effects are read before their causes: enable before everything that switches it off, the flag of an open stop before
+/// the stop's level. So an effect that is read always has its cause, whatever happens between two reads. No stop is
+/// taken for a halt. The guard's findings are another cause: read them after this.
 #[inline(always)]
 pub fn sense<F: ForceOutput, E: Enable, P: InputPin>(
     (switched_on, found): (bool, FaultSet),
@@ -150,7 +150,7 @@ pub fn sense<F: ForceOutput, E: Enable, P: InputPin>(
     Sensed { switched_on, halted, was_stopped, stop_closed, supply_good, enabled, found }
 }
 
-/// All of a board that the tasks own.
+/// All parts of a board that the tasks own.
 pub struct Parts<B: Board> {
     /// Counter of the handle's position.
     pub encoder: B::Encoder,
@@ -162,9 +162,9 @@ pub struct Parts<B: Board> {
     pub stop: EmergencyStop<B::StopInput>,
     /// Detector of a low supply voltage.
     pub supply: B::Supply,
-    /// Halts by a debugger.
+    /// Detector of halts by a debugger.
     pub halts: B::DebugHalts,
-    /// Enable off when outputs stop.
+    /// Switches enable off when outputs stop.
     pub output_watchdog: B::OutputWatchdog,
     /// Registers that decide about the force.
     pub set_up: B::SetUp,
@@ -172,13 +172,13 @@ pub struct Parts<B: Board> {
     pub read_back: B::ReadBack,
     /// Self-test of the board's hardware.
     pub self_test: B::SelfTest,
-    /// Reset when the tasks stop.
+    /// Resets the chip when the tasks stop.
     pub watchdog: B::Watchdog,
-    /// What a reset must not wipe out.
+    /// Memory that a reset does not erase.
     pub memory: B::FaultMemory,
     /// Why the program starts.
     pub reset_cause: ResetCause,
-    /// Where settings are kept.
+    /// Flash for the settings.
     pub settings: B::Flash,
     /// Channels to and from the host.
     pub link: Link<B>,
@@ -196,144 +196,150 @@ pub struct Link<B: Board> {
 
 /// Counts the encoder's edges, four per line, in 32 bits that wrap. Edges closer than 0.1 us may be lost.
 pub trait Encoder {
-    /// Counts from now on; the count was 0 until then. So a handle that moves during the boot has not jumped by the
-    /// first sample.
+    /// Counts from now on. The count was 0 until then, so a handle that moves during boot causes no jump at the first
+    /// sample.
     fn start();
 
     /// The count now, in 32 bits that wrap.
     fn count(&self) -> u32;
 
-    /// The count now, read first, and what else the board senses. Once per sample, by `sample`.
+    /// The count now, read first, and the board's other senses. Called once per sample, by `sample`.
     fn sense(&mut self) -> (u32, Senses);
 
-    /// Reverses the direction, or restores it. The count goes on from its value. By `render`, with the force off.
+    /// Reverses the direction, or restores it. The count goes on from its value. Called by `render`, with the force
+    /// off.
     fn turn(reversed: bool);
 }
 
-/// The clock of the control: an interrupt at [`RATE_HZ`], at equal distances. It stands still while a debugger has the
+/// The clock of the control: an interrupt at [`RATE_HZ`], at equal intervals. It stands still while a debugger has the
 /// core halted.
 pub trait SampleTimer {
     /// Runs from now on; the first sample comes one period later.
     fn start();
 
-    /// More than two fifths of the present sample are over: an output of every sample now has time only for what it
-    /// must do. By `render`.
+    /// Whether more than two fifths of the present sample are over. Then an output of every sample has time only for
+    /// its necessary work. Called by `render`.
     fn is_late() -> bool;
 
-    /// Clears the request of the present sample; by `sample`.
+    /// Clears the request of the present sample. Called by `sample`.
     fn acknowledge(&mut self);
 }
 
-/// The force output: a command becomes a force, as a whole.
+/// The force output: turns a whole command into a force.
 pub trait ForceOutput {
-    /// Sets the output to a command that the core has clamped to the range of [`Board::OUTPUT`]; mirrored about zero
-    /// force if the motor is mounted the other way round. Without effect while enable is inactive. Once per output, by
-    /// `render`.
+    /// Sets the output to a command, which the core has clamped to the range of [`Board::OUTPUT`]. `mirrored` mirrors
+    /// it about zero force, if the motor is mounted the other way round. It has no effect while enable is inactive.
+    /// Called once per output, by `render`.
     fn write(&mut self, command: OutputCode, mirrored: bool);
 
-    /// Zero force at once, or with the output's next period. From any task and handler.
+    /// Sets zero force at once, or with the output's next period. For any task and handler.
     fn zero();
 
     /// Starts the output's own clock, if it has one.
     fn start();
 }
 
-/// The amplifier's enable line. It is inactive in reset, when the emergency stop opens (in hardware alone), while a
-/// debugger has the core halted, when the crystal or clock input fails, and when outputs stop ([`OutputWatchdog`]).
+/// The amplifier's enable line. It is inactive:
+/// * in reset;
+/// * when the emergency stop opens (in hardware alone);
+/// * while a debugger has the core halted;
+/// * when the crystal or clock input fails;
+/// * when outputs stop ([`OutputWatchdog`]).
 pub trait Enable {
-    /// Active, unless the emergency stop is open. Clears the note of [`was_stopped`](Self::was_stopped).
+    /// Makes the line active, unless the emergency stop is open. Clears the flag of [`was_stopped`](Self::was_stopped).
     fn on(&mut self);
 
-    /// Inactive, now. From any task and handler.
+    /// Makes the line inactive, now. For any task and handler.
     fn off();
 
-    /// Whether it is active: read back, so false as soon as hardware has switched it off.
+    /// Whether the line is active. It is read back, so this is false as soon as hardware has switched it off.
     fn is_on(&self) -> bool;
 
-    /// Whether the emergency stop was open at any time since [`on`](Self::on), however short.
+    /// Whether the emergency stop was open at any time since [`on`](Self::on), however briefly.
     fn was_stopped(&self) -> bool;
 }
 
 /// The supply supervisor. Its interrupt has the priority of `render`, so that the force is off at once.
 pub trait Supply {
-    /// The interrupt's handler: switches the force off and remembers that the supply was low.
+    /// The interrupt's handler: switches the force off and notes that the supply was low.
     fn has_dropped();
 
-    /// The supply is too low to write flash by, or was since this was last asked. By `render`.
+    /// Whether the supply is too low to write flash, or was so since the last call. Called by `render`.
     fn is_low(&mut self) -> bool;
 }
 
-/// Finds halts by a debugger: a timer that runs on shows time without samples.
+/// Finds halts by a debugger. A timer that runs on in a halt shows time without samples.
 pub trait DebugHalts {
-    /// Whether the core was halted since the last output. Called at each output, with the number of its sample and the
-    /// samples from output to output. By `render`.
+    /// Whether the core was halted since the last output. `sample`: number of this output's sample. `period`: samples
+    /// from output to output. Called by `render` at each output.
     fn since_the_last(&mut self, sample: u64, period: u32) -> bool;
 
-    /// That clock, [`HaltWatch::TICKS_PER_SAMPLE`](crate::safety::HaltWatch::TICKS_PER_SAMPLE) to a sample; it wraps. By
-    /// `link`.
+    /// The timer that runs on, [`HaltWatch::TICKS_PER_SAMPLE`](crate::safety::HaltWatch::TICKS_PER_SAMPLE) ticks per
+    /// sample; it wraps. Called by `link`.
     fn clock() -> u16;
 
-    /// Whether that clock and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch). By `render`,
-    /// with each output, once it is out.
+    /// Whether this timer and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch). Called by
+    /// `render` after each output.
     fn rate_is_wrong(&mut self) -> bool;
 }
 
-/// The registers that decide whether, when and which force acts.
+/// Checks the registers that decide whether a force acts, when it acts and which force it is.
 pub trait SetUp {
     /// Whether the channels to and from the host are still where they were set up. Otherwise a `disarm` would not
     /// arrive.
     fn channels_hold(&mut self) -> bool;
 
-    /// Whether all of them are still as they were at the first call. By `render`, with each output, once it is out.
+    /// Whether all registers are still as at the first call. Called by `render` after each output.
     fn holds(&mut self) -> bool;
-    /// Called if not: drives enable's pin low by its port until the next reset, whatever the timer and the pin's mode
-    /// have become.
+    /// Drives enable's pin low by its port until the next reset, whatever the timer and the pin's mode are now. Called
+    /// if a register has changed.
     fn hold_enable_low(&mut self);
 }
 
 /// Reads the force output and the motor's current back, with A/D converters.
 pub trait ReadBack {
-    /// Lowest and highest code between which the output surely follows its command; `None`: it cannot be read back.
+    /// Lowest and highest code between which the output surely follows its command. `None`: the output cannot be read
+    /// back.
     const SWING: Option<[i32; 2]>;
 
-    /// Begins to read what the last output has put out. By `render`, at the beginning of each output, so a code that is
-    /// written some microseconds later is not read.
+    /// Begins to read the force output. Called by `render` at the beginning of each output, so it reads the last
+    /// output, not the code that is written some microseconds later.
     fn begin(&mut self);
 
     /// The converters' readings. Called by `render`, in the same output, after the force is written.
     fn finish(&mut self) -> Readings;
 }
 
-/// When no output has come for [`OUTPUT_WATCHDOG_US`](crate::period::OUTPUT_WATCHDOG_US), hardware
-/// alone makes enable inactive, also if the core stands still, is locked up or has masked its
-/// interrupts.
+/// Hardware that makes enable inactive when no output has come for
+/// [`OUTPUT_WATCHDOG_US`](crate::period::OUTPUT_WATCHDOG_US). It also works if the core stands still, is locked up or
+/// has masked its interrupts.
 pub trait OutputWatchdog {
-    /// An output is out. By `render`, with each, whether force is on or off, so that the hardware never acts while
-    /// [`Enable::on`] does. `sample` is the number of its sample, `halted` whether a debugger has had the core halted
-    /// since the last output.
+    /// Restarts the time. Called by `render` with each output, whether the force is on or off, so that the hardware
+    /// never acts during [`Enable::on`]. `sample`: number of the output's sample. `halted`: a debugger has had the core
+    /// halted since the last output.
     fn renew(&mut self, sample: u32, halted: bool);
 
-    /// Whether its clock and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch).
+    /// Whether the watchdog's clock and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch).
     fn rate_is_wrong(&self) -> bool;
 }
 
 /// Tests that a board can make by itself.
 pub trait SelfTest {
-    /// Tests this part, with the force off, and leaves everything as it was. By `link`, which it keeps for at most 15
-    /// ms; `render` waits for at most 4 ms. Enable is active for at most as long, at zero force.
+    /// Tests this part, with the force off, and leaves everything as it was. Called by `link`, for at most 15 ms.
+    /// `render` waits for at most 4 ms. Enable is active at zero force, for at most as long.
     fn test(&mut self, part: Part) -> Found;
 }
 
-/// Resets the chip, which switches everything off, if it is not fed. It has its own oscillator, and only a reset stops
-/// it.
+/// Resets the chip, which switches everything off, if it is not fed. It has its own oscillator. Only a reset stops it.
 pub trait Watchdog {
-    /// All tasks are alive. By `idle`, at least each 20 ms; the reset comes after 30 to 100 ms.
+    /// Feeds the watchdog: all tasks are alive. Called by `idle`, at least each 20 ms. The reset comes after 30 to 100
+    /// ms.
     fn feed(&mut self);
 }
 
 /// Memory that keeps its content over a reset, but perhaps not over a loss of power.
 pub trait FaultMemory {
-    /// What it holds: a record, zeros, or anything after power-on.
+    /// Reads its content: a record, zeros, or anything after power-on.
     fn read(&self) -> [u32; FaultRecord::WORDS];
 
     /// Writes all words of a record.
@@ -345,23 +351,23 @@ pub trait FaultMemory {
     }
 }
 
-/// A channel towards the host that drops what does not fit, and never waits.
+/// A channel towards the host. It never waits, and drops what does not fit.
 pub trait UpChannel {
-    /// Writes all of `bytes`, or nothing; says which. By `link`.
+    /// Writes all of `bytes`, or nothing. Returns whether it wrote them. Called by `link`.
     fn write(&mut self, bytes: &[u8]) -> bool;
 }
 
 /// The channel from the host.
 pub trait CommandChannel {
-    /// Reads what has come, up to `bytes`; says how much. By `link`.
+    /// Reads the bytes that have come, at most `bytes.len()`. Returns their number. Called by `link`.
     fn read(&mut self, bytes: &mut [u8]) -> usize;
 }
 
-/// The error bits of the flash controller's status register; 0 if it was not asked, because place or length is not
-/// allowed.
+/// The error bits of the flash controller's status register. 0: place or length is not allowed, and the controller was
+/// not used.
 ///
-/// Erase and write stall the core, on some boards for up to a second. `link` calls them only with the force off, and
-/// the board gives the watchdog more time meanwhile.
+/// Erase and write stall the core, on some boards for up to a second. `link` calls them only with the force off. The
+/// board gives the watchdog more time meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlashError(pub u32);
 
@@ -384,7 +390,7 @@ pub struct Drive<F, E> {
 }
 
 impl<F: ForceOutput, E: Enable> Drive<F, E> {
-    /// A drive made of this force output and this enable line; both must be off.
+    /// A drive made of this force output and this enable line. Both must be off.
     pub const fn new(force: F, enable: E) -> Self {
         Self { force, enable }
     }
@@ -401,29 +407,29 @@ impl<F: ForceOutput, E: Enable> Drive<F, E> {
         self.enable.on();
     }
 
-    /// Whether the amplifier is enabled; false as soon as hardware or a task has dropped it.
+    /// Whether the amplifier is enabled. False as soon as hardware or a task has switched it off.
     #[inline(always)]
     pub fn is_on(&self) -> bool {
         self.enable.is_on()
     }
 
-    /// Whether the emergency stop was open since the amplifier was enabled, if only for a moment.
+    /// Whether the emergency stop was open since the amplifier was enabled, even for a moment.
     #[inline(always)]
     pub fn was_stopped(&self) -> bool {
         self.enable.was_stopped()
     }
 }
 
-/// Normally closed switch to ground with a pull-up: an open switch or a cut wire reads as a stop.
+/// The emergency stop: a normally closed switch to ground with a pull-up. An open switch or a cut wire is a stop.
 pub struct EmergencyStop<P>(P);
 
 impl<P: InputPin> EmergencyStop<P> {
-    /// On that pin, with its pull-up on.
+    /// The switch on this pin. The pin's pull-up must be on.
     pub const fn new(pin: P) -> Self {
         Self(pin)
     }
 
-    /// Whether the switch is closed. A pin that cannot be read counts as a stop.
+    /// Whether the switch is closed. A pin that cannot be read counts as open.
     #[inline(always)]
     pub fn is_closed(&mut self) -> bool {
         self.0.is_low().unwrap_or(false)

@@ -1,4 +1,4 @@
-//! The pipeline: what runs for every sample and for every output.
+//! The control pipeline: computations for every sample and for every output.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -13,21 +13,21 @@ use crate::{
     wall::Wall,
 };
 
-/// Everything that a sample needs to know, in integers. Immutable: a change is a new `LoopParameters`, which replaces
-/// the old one as a whole between two samples. Made by [`Settings::build`](crate::Settings::build).
+/// All values that a sample needs, in integers, made by [`Settings::build`](crate::Settings::build). They are
+/// immutable: a new `LoopParameters` replaces the old one as a whole, between two samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopParameters {
     /// Velocity estimator with its coefficients.
     pub estimator: Tuned,
     /// Virtual wall in integer form.
     pub wall: Wall,
-    /// From a force to the output's code.
+    /// Turns a force into the output's code.
     pub actuator: Actuator,
     /// Samples from output to output.
     pub period: NonZeroU32,
 }
 
-/// One sample: where the handle is and how fast it moves.
+/// One sample: position and velocity of the handle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Number of this sample, from 0.
@@ -41,37 +41,37 @@ pub struct Motion {
 /// Result of a [`Sampler`] for one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampled {
-    /// Where the handle is and how fast it moves.
+    /// Position and velocity of the handle.
     pub motion: Motion,
-    /// An output is due with this very sample.
+    /// Whether an output is due with this sample.
     pub due: bool,
 }
 
 impl Motion {
-    /// Low 32 bits of the sample: enough to compare two that are less than 2^31 apart, in half the words.
+    /// Low 32 bits of the sample's number. They are enough to compare two samples that are less than 2^31 apart.
     #[inline(always)]
     pub const fn number(&self) -> u32 {
         low(self.sample)
     }
 }
 
-/// One output: its force and how it came about.
+/// One output: its force, and the values behind it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
-    /// What the wall gives back.
+    /// Force that the wall gives back.
     pub wall: Demand,
     /// The force that the actuator gets: push minus wall, saturated. [`Actuator::command`] turns it into a code.
     pub force: Force,
     /// The handle is inside the wall.
     pub contact: bool,
-    /// The actuator could not give all that was asked for.
+    /// Whether the actuator could not give the whole force.
     pub saturated: bool,
 }
 
-/// Samples that [`Sampler::sense_all`] takes.
+/// Most samples of one call of [`Sampler::sense_all`].
 pub const RUN: usize = 16;
 
-/// The half that runs for every sample, and its state.
+/// The part of the pipeline that runs for every sample, with its state.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampler<W = CounterWidth> {
     encoder: Encoder<W>,
@@ -80,7 +80,7 @@ pub struct Sampler<W = CounterWidth> {
     sample: u32,
     /// Number of the sample with which the next output is due, low 32 bits.
     due: u32,
-    /// High 32 bits of `due`. No sample is far from it, so they also give the high bits of every sample's number.
+    /// High 32 bits of `due`. No sample is far from `due`, so they also give the high bits of every sample's number.
     high: u32,
 }
 
@@ -101,13 +101,13 @@ impl<W: Width> Sampler<W> {
         self.encoder.position()
     }
 
-    /// Whether position 0 is where it was set.
+    /// Whether the count at position 0 is unchanged.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.encoder.is_whole()
     }
 
-    /// Whether the estimator's memory is unchanged since the last sample; also `true` if that sample had another
+    /// Whether the estimator's memory is unchanged since the last sample. Also `true` if the last sample had another
     /// tuning.
     #[inline(always)]
     pub fn remembers(&self, control: &LoopParameters) -> bool {
@@ -120,7 +120,7 @@ impl<W: Width> Sampler<W> {
         self.near(self.sample)
     }
 
-    /// Full number of the sample with the low 32 bits `number` that is nearest to the next due sample.
+    /// Full number of a sample, from its low 32 bits `number`. It is the number nearest to the next due sample.
     #[inline(always)]
     const fn near(&self, number: u32) -> u64 {
         let since = number.wrapping_sub(self.due);
@@ -129,7 +129,7 @@ impl<W: Width> Sampler<W> {
         } else {
             ((self.high as u64) << 32 | self.due as u64).wrapping_add(since as u64)
         };
-        // Its low half is `number`, so a caller that needs no other half saves the sums.
+        // The low half is `number`. This form saves the sums if a caller needs only the low half.
         near & !(u32::MAX as u64) | number as u64
     }
 
@@ -138,18 +138,18 @@ impl<W: Width> Sampler<W> {
         velocity::State::behind(self.encoder.position(), self.velocity)
     }
 
-    /// Makes the place of the last sample position 0. The velocity does not change.
+    /// Makes the position of the last sample the new position 0. The velocity does not change.
     pub fn zero(&mut self) {
         self.encoder.zero();
     }
 
-    /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
+    /// Takes a reading of the encoder counter. Call it once per sample, at a constant rate.
     #[inline]
     pub fn sample(&mut self, control: &LoopParameters, counter: u32) -> Sampled {
         self.sense(control, counter, &Senses::NONE)
     }
 
-    /// [`sample`](Self::sample) for estimators that use more than the count.
+    /// As [`sample`](Self::sample), for estimators that use more than the count.
     #[inline(always)] // as Estimator::update
     pub fn sense(&mut self, control: &LoopParameters, counter: u32, senses: &Senses) -> Sampled {
         let before = self.encoder.position();
@@ -159,9 +159,10 @@ impl<W: Width> Sampler<W> {
         self.say(control, self.sample, position, velocity)
     }
 
-    /// [`sense`](Self::sense) for the first [`RUN`] readings, as signed, of which at most the last has an output. For
-    /// simulators, which have several readings at once: the estimator is looked up once for all. `senses` is empty if
-    /// there are none. Returns the velocities, and what `sense` returns for the last reading; none without a reading.
+    /// As [`sense`](Self::sense), for the first [`RUN`] readings (as signed numbers). Only the last one may have an
+    /// output. For simulators, which have several readings at once: the estimator is looked up only once. `senses` is
+    /// empty if the estimator needs none. Returns the velocities, and the result of `sense` for the last reading.
+    /// `None` without a reading.
     #[inline]
     pub fn sense_all(
         &mut self,
@@ -183,7 +184,7 @@ impl<W: Width> Sampler<W> {
         Some(self.say(control, self.sample.wrapping_add(before), self.encoder.position(), velocity))
     }
 
-    /// The result for the sample with this number, which is counted too.
+    /// The result for the sample `number`. Sets the number of the next sample.
     #[inline(always)]
     fn say(
         &mut self,
@@ -204,7 +205,7 @@ impl<W: Width> Sampler<W> {
     }
 }
 
-/// Its low 32 bits.
+/// Low 32 bits of a sample's number.
 #[inline(always)]
 const fn low(sample: u64) -> u32 {
     #[expect(clippy::cast_possible_truncation, reason = "the low half is meant")]
@@ -214,29 +215,28 @@ const fn low(sample: u64) -> u32 {
 
 #[cfg(test)]
 impl<W> Sampler<W> {
-    /// A bit of the count at position 0 has flipped.
     pub(crate) fn spoil_origin(&mut self) {
         self.encoder.spoil_origin();
     }
 }
 
 impl LoopParameters {
-    /// These parameters, to replace `running`. If the estimator or its tuning is another one, it starts anew with its
-    /// first sample, see [`Tuned`].
+    /// These parameters, to replace `running`. If the estimator or its tuning differs, it starts anew with its first
+    /// sample, see [`Tuned`].
     #[must_use]
     pub fn after(self, running: &Self) -> Self {
         Self { estimator: self.estimator.after(&running.estimator), ..self }
     }
 
-    /// Whether these do the same as `other`, whenever either was put in force.
+    /// Whether these parameters do the same as `other`. The time when they were put in force does not count.
     pub fn does_as(&self, other: &Self) -> bool {
         let Self { estimator, wall, actuator, period } = self;
         **estimator == *other.estimator
             && (wall, actuator, period) == (&other.wall, &other.actuator, &other.period)
     }
 
-    /// The output that answers `motion`: `push` (into the wall) minus what the wall gives back.
-    /// Both share the actuator's range.
+    /// The output for `motion`: the force `push` (into the wall) minus the wall's force. Both share the actuator's
+    /// range.
     #[inline]
     pub fn render(&self, motion: Motion, push: Force) -> Drive {
         let wall = self.wall.demand(motion.position, motion.velocity);
@@ -255,7 +255,7 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// In force with a wall in the way.
+    /// Parameters with a wall in the way.
     fn control(velocity: VelocitySettings) -> LoopParameters {
         let wall = WallSettings {
             position_m: 1e-3,
@@ -266,13 +266,13 @@ mod tests {
         Settings { velocity, wall }.build(&DESIGN).unwrap()
     }
 
-    /// Samples that end with an output, and what there is to sense.
+    /// Runs of samples that end with an output, with the readings of the senses.
     fn runs() -> impl Strategy<Value = Vec<(usize, [i32; RUN], i32)>> {
         prop::collection::vec((1..=RUN, prop::array::uniform16(-40..60), any::<i32>()), 1..40)
     }
 
     proptest! {
-        /// Whatever runs the readings come in, and whichever estimator takes over between two of them.
+        /// The readings come in any runs. Any estimator may take over between two runs.
         #[test]
         fn readings_taken_together_say_what_they_say_one_by_one(
             runs in runs(), first in 0..EstimatorName::ALL.len(), wide: bool,
@@ -320,7 +320,8 @@ mod tests {
         }
     }
 
-    /// Two numbers of 32 bits tell 64, where only the sample has passed 2^32 and where both have.
+    /// Numbers of 64 bits come from two numbers of 32 bits, both where only the sample has passed 2^32 and where `due`
+    /// has too.
     #[test]
     fn samples_are_numbered_on_beyond_32_bits() {
         let control = control(VelocitySettings::Difference {});
@@ -338,7 +339,7 @@ mod tests {
         }
     }
 
-    /// As the wall has it: the surface itself is not in contact.
+    /// As in the wall: at the surface itself there is no contact.
     #[test]
     fn contact_begins_one_count_behind_the_surface() {
         let control = control(VelocitySettings::Difference {});

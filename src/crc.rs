@@ -1,13 +1,13 @@
-//! The checksum of everything that is stored or sent: CRC-32/ISO-HDLC (that of zlib and Ethernet).
+//! The checksum of all data that is stored or sent: CRC-32/ISO-HDLC, as in zlib and Ethernet.
 //!
-//! One table of 1 KiB for all uses; about 8 cycles a byte on a Cortex-M4, 5 for long data ([`Sum`]). It detects every
-//! error burst of up to 32 bits, so every change of a single byte.
+//! One table of 1 KiB serves all uses. It takes about 8 cycles a byte on a Cortex-M4, and 5 for long data ([`Sum`]). It
+//! detects every error burst of up to 32 bits, so it detects every change of a single byte.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
 static TABLE: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// The CRC of any data followed by its own CRC: always this constant.
+/// The CRC of any data that is followed by its own CRC. It is always this constant.
 pub(crate) const RESIDUE: u32 = 0x2144_DF1C;
 
 pub(crate) fn of_bytes(bytes: &[u8]) -> u32 {
@@ -28,18 +28,16 @@ pub(crate) fn of_pieces<'a>(pieces: impl IntoIterator<Item = &'a [u32]>) -> u32 
     digest.finalize()
 }
 
-/// A CRC that is computed piece by piece, for many words. For few words use the functions above: this loop is unrolled,
-/// and a call in the code of `render` costs registers there.
+/// A CRC that is computed piece by piece, for many words. Use the functions above for few words. This loop is unrolled,
+/// and its call in the code of `render` costs registers there.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sum(u32);
 
 impl Sum {
-    /// A CRC over no data yet.
     pub(crate) const fn new() -> Self {
         Self(u32::MAX)
     }
 
-    /// Adds these words to the CRC.
     #[inline(never)]
     pub(crate) fn add(&mut self, words: &[u32]) {
         let [table] = TABLE.table();
@@ -52,7 +50,6 @@ impl Sum {
         }
     }
 
-    /// The CRC of all words added so far.
     pub(crate) const fn get(self) -> u32 {
         !self.0
     }

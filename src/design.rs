@@ -1,4 +1,4 @@
-//! The fixed data of a device, and the conversion of SI units to counts, samples and fractions of full scale.
+//! The fixed data of a device. Conversion of SI units to counts, samples and fractions of full scale.
 
 use crate::{
     actuator::{Actuator, Output},
@@ -6,7 +6,7 @@ use crate::{
     units::{Force, Position},
 };
 
-/// Fixed data of the device: they do not change while the loop runs.
+/// Fixed data of a device. They do not change while the loop runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Design {
     /// Encoder samples per second, Hz.
@@ -25,7 +25,7 @@ impl Design {
     /// Checks every field.
     ///
     /// # Errors
-    /// Names the parameter that is out of range, and the range.
+    /// Names the parameter that is out of range, and its range.
     pub fn check(&self) -> Result<(), SettingsError> {
         within("rate_hz", self.rate_hz, limits::RATE_HZ)?;
         within("resolution_m", self.resolution_m, limits::RESOLUTION_M)?;
@@ -35,18 +35,17 @@ impl Design {
         Ok(())
     }
 
-    /// Time from output to output, s.
     pub(crate) fn period_s(&self) -> f64 {
         f64::from(self.period) / self.rate_hz
     }
 
-    /// Samples in a millisecond or little more, 1 to 50.
+    /// Samples in a millisecond, rounded up, 1 to 50.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 50")]
     pub(crate) fn samples_per_ms(&self) -> u32 {
         libm::ceil(self.rate_hz / 1000.0) as u32
     }
 
-    /// Outputs per millisecond, at least 1. Work that needs no more than 1 kHz runs once in this many outputs.
+    /// Outputs per millisecond, at least 1. Work that needs at most 1 kHz runs once in this number of outputs.
     pub(crate) fn outputs_per_ms(&self) -> u32 {
         (self.samples_per_ms() / self.period.max(1)).max(1)
     }

@@ -1,7 +1,7 @@
-//! The device that a board controls: what does not change while it runs, and what is computed from that.
+//! The device that a board controls: its fixed data, and the plans that are computed from them.
 //!
-//! A [`Device`] has what a [device record](record) says, and what its board is. Here its numbers are checked. Together
-//! with the settings that a person may change, they become the input of loop, experiments and supervisor.
+//! A [`Device`] has the content of a [device record](record) and the facts of its board. Its numbers are checked here.
+//! Together with the settings that a person may change, they are the input of loop, experiments and supervisor.
 
 pub mod designs;
 pub mod record;
@@ -37,62 +37,63 @@ pub struct Device<'a> {
     pub scene_hash: u32,
     /// Fixed data. A calibration may replace the force at full command, a setting the output period.
     pub design: Design,
-    /// From the counter's reading to the force, samples.
+    /// Time from the counter's reading to the force, samples.
     pub latency_samples: f64,
-    /// What an estimator can look at beside the count.
+    /// Senses that an estimator can use beside the count.
     pub senses: &'static [Sense],
-    /// The walls that are predicted to be stable.
+    /// The envelope: walls that are predicted to be stable.
     pub envelope: Envelope<'a>,
-    /// Its filters with a name.
+    /// The device's named filters.
     pub designs: Designs<'a>,
-    /// Limits of the supervisor. No hit starts outside its travel.
+    /// Limits of the supervisor. A hit must start inside their travel.
     pub safety: SafetySettings,
     /// Thermal limits of the motor.
     pub duty: DutySettings,
     /// Scale of the voltage with which the amplifier reports its current.
     pub current: CurrentSettings,
-    /// Distance of the handle from the axis of a rotary device, m; 0: it moves straight.
+    /// Distance of the handle from the axis of a rotary device, m. 0: the handle moves straight.
     pub radius_m: f64,
-    /// The return move to the start of a hit. Its `start_m` is only the default; the stored settings have the one in
+    /// The return move to the start of a hit. Its `start_m` is only the default. The stored settings have the value in
     /// use.
     pub back: ReturnSettings,
-    /// A calibration; the command that starts it gives its force.
+    /// A calibration. The command that starts it gives its force.
     pub calibration: CalibrationSettings,
-    /// Directions of motor and encoder on a board to which nothing was ever saved.
+    /// Directions of motor and encoder on a board without saved settings.
     pub signs: Signs,
-    /// Estimator and wall of such a board.
+    /// Estimator and wall of a board without saved settings.
     pub settings: Settings,
-    /// Hit of such a board, shortened to the motor's thermal limits.
+    /// Hit of a board without saved settings, shortened to the motor's thermal limits.
     pub hit: HitSettings,
-    /// What counts as a wall on a board to which nothing was ever saved.
+    /// Criterion of a stable wall on a board without saved settings.
     pub criterion: Criterion,
-    /// Grid of its walk.
+    /// Grid of the walk on a board without saved settings.
     pub walk: WalkSettings,
 }
 
-/// The force at full command may differ from that of [`Device::design`] by this factor; more is a typing error.
+/// Largest factor between the calibrated force at full command and the force of [`Device::design`]. A larger factor is
+/// a typing error.
 const FULL_SCALE_FACTOR: f64 = 3.0;
 
 /// Records of the black box: half a second at 1 kHz.
 pub const HISTORY: usize = 500;
 
-/// Why a board cannot take settings, whatever their ranges.
+/// Why a board cannot run settings that are all within their ranges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unfit {
-    /// The estimator needs this sense, which the board has not.
+    /// The estimator needs this sense. The board does not have it.
     Sense(EstimatorName, Sense),
     /// The estimator leaves no time for the output period.
     TooSlow(TooSlow),
-    /// There is no such output period, samples.
+    /// The board does not have this output period, samples.
     Period(f64),
 }
 
-/// What a board starts with.
+/// State of a board at its start.
 #[derive(Clone, Copy, Debug)]
 pub struct Start {
     /// The settings in force.
     pub stored: Stored,
-    /// Where they come from.
+    /// Source of these settings.
     pub source: Source,
     /// The settings in force as integers.
     pub control: LoopParameters,
@@ -102,26 +103,26 @@ pub struct Start {
     pub period: PeriodPlan,
     /// Check of the motor's current, if the amplifier reports it.
     pub current: Option<CurrentWatch>,
-    /// Fault of the last run, or the fault of saved settings that cannot be used, or both.
+    /// Fault of the last run, or the fault of unusable saved settings, or both.
     pub fault: Option<FaultRecord>,
 }
 
 impl Device<'_> {
     /// Allowed radii of a rotary handle, m. A linear handle has radius 0.
     pub const RADIUS_M: RangeInclusive<f64> = 1e-3..=10.0;
-    /// Longest latency that a record may state, samples: half a second on the boards there are.
+    /// Longest latency that a record may have, samples: half a second on the present boards.
     pub const LATENCY_MAX_SAMPLES: f64 = 5000.0;
-    /// Farthest end of the travel from zero, m: a handle may turn several times.
+    /// Farthest end of the travel from zero, m. A handle may turn several times.
     pub const TRAVEL_MAX_M: f64 = 10.0;
-    /// Highest speed that a record may call believable, m/s.
+    /// Highest believable speed that a record may have, m/s.
     pub const SPEED_MAX_M_PER_S: f64 = 100.0;
     /// Allowed masses of the heaviest handle, kg. The upper end stands for an unknown mass.
     pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-4..=1e6;
 
-    /// The design with the force at full command that was calibrated.
+    /// The design with a calibrated force at full command.
     ///
     /// # Errors
-    /// It is too far from that of the design.
+    /// This force is too far from the force of the design.
     pub fn calibrated(&self, full_scale_n: f64) -> Result<Design, SettingsError> {
         let nominal = self.design.full_scale_n;
         let range = nominal / FULL_SCALE_FACTOR..=nominal * FULL_SCALE_FACTOR;
@@ -134,20 +135,20 @@ impl Device<'_> {
         Ok(Design { period: stored.period, ..self.calibrated(stored.full_scale_n)? })
     }
 
-    /// What depends on the output period of these settings.
+    /// The plan that depends on the output period of these settings.
     ///
     /// # Errors
-    /// Names what is out of range.
+    /// Names the value that is out of range.
     pub fn period(&self, stored: &Stored) -> Result<PeriodPlan, SettingsError> {
         let design = Design { period: stored.period, ..self.design };
         let keep = BlackBox::<HISTORY>::every(1000 * design.samples_per_ms(), stored.period);
         Ok(PeriodPlan { duty: self.duty.build(&design, 0)?, keep })
     }
 
-    /// What a board starts with: `loaded` was in its flash, `boot` is the fault of its last run.
+    /// Computes the state of a board at its start. `loaded`: settings in its flash. `boot`: fault of its last run.
     ///
-    /// If settings cannot be built, or their estimator needs a sense that the board lacks, the defaults are in force,
-    /// with the fault `settings`.
+    /// If settings cannot be built, or their estimator needs a sense that the board lacks, the defaults are in force.
+    /// The fault is then `settings`.
     ///
     /// # Errors
     /// Names the first number of the device itself that is out of range.
@@ -179,10 +180,11 @@ impl Device<'_> {
         Ok(Start { stored, source, control, safety, period, current, fault })
     }
 
-    /// A hit with those settings and what comes before it; `early`: its verdict as soon as it is certain.
+    /// A hit with these settings and the return move before it. `early`: give the verdict as soon as it is certain.
     ///
     /// # Errors
-    /// Names what is out of range; a start at or behind the wall is, and a wall in front of which there is no start.
+    /// Names the value that is out of range. A start at or behind the wall is out of range. So is a wall with no start
+    /// in front of it.
     pub fn hit_sequence(
         &self,
         stored: &Stored,
@@ -200,11 +202,11 @@ impl Device<'_> {
         Ok(HitSequencePlan { look, ..plan })
     }
 
-    /// The same without the wall, so that each setting of an experiment can be changed whatever the wall is.
-    /// [`hit_sequence`](Self::hit_sequence) checks the wall when an experiment begins.
+    /// As [`hit_sequence`](Self::hit_sequence), but without a check of the wall. So each setting of an experiment can
+    /// be changed at any wall. `hit_sequence` checks the wall when an experiment begins.
     ///
     /// # Errors
-    /// Names what is out of range.
+    /// Names the value that is out of range.
     pub fn experiment(&self, stored: &Stored) -> Result<HitSequencePlan, SettingsError> {
         let design = self.design(stored)?;
         let Stored { push_n, settle_s, window_s, rms_limit_m, .. } = *stored;
@@ -221,7 +223,7 @@ impl Device<'_> {
         }
         let hit = HitSettings { push_n, settle_s, window_s, rms_limit_m }.build(&design)?;
         let start_m = stored.start_m;
-        // If the motor is weaker than assumed, the return move uses what it has.
+        // If the motor is weaker than assumed, the return move uses half of its force.
         let force_n = self.back.force_n.min(design.full_scale_n / 2.0);
         let SafetySettings { travel_low_m, travel_high_m, .. } = self.safety;
         within("start_m", start_m, travel_low_m..=travel_high_m)?;
@@ -232,7 +234,8 @@ impl Device<'_> {
         let same = libm::fabs(together_s - longest_s) < 0.5 / design.rate_hz;
         let value = if same { longest_s } else { together_s };
         within("settle_s and window_s together", value, 0.0..=longest_s)?;
-        // Each is rounded to samples, both together by up to one sample. The model has spare outputs for that.
+        // Each time is rounded to samples. Both together are off by up to one sample. The model has spare outputs for
+        // that.
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating")]
         let longest = libm::round(longest_s * design.rate_hz) as u32;
         let duty = duty.build(&design, hit.settle.saturating_add(hit.window).min(longest))?;
@@ -240,18 +243,18 @@ impl Device<'_> {
         Ok(HitSequencePlan { hit, back, duty, look })
     }
 
-    /// Current heats the motor. Continuous over full-scale force is a ratio of currents, so a calibration does not
-    /// change it.
+    /// Thermal limits for this design. Current heats the motor. The ratio of continuous to full-scale force is a ratio
+    /// of currents, so a calibration does not change it.
     fn duty_at(&self, design: &Design) -> DutySettings {
         let part = design.full_scale_n / self.design.full_scale_n;
         let continuous_force_n = self.duty.continuous_force_n * part;
         DutySettings { continuous_force_n, ..self.duty }
     }
 
-    /// A pulse train of that force, without a wall.
+    /// A pulse train with that force, without a wall.
     ///
     /// # Errors
-    /// Names what is out of range; a wall with a force is.
+    /// Names the value that is out of range. A wall with a force is out of range too.
     pub fn pulse_train(
         &self,
         stored: &Stored,
@@ -279,7 +282,7 @@ impl Device<'_> {
     /// A calibration at that part of full scale.
     ///
     /// # Errors
-    /// It is too much.
+    /// The force is too large.
     pub fn calibration(
         &self,
         stored: &Stored,
@@ -288,10 +291,10 @@ impl Device<'_> {
         CalibrationSettings { percent, ..self.calibration }.build(&self.design(stored)?)
     }
 
-    /// Settings of a board to which nothing was ever saved.
+    /// Settings of a board without saved settings.
     pub fn defaults(&self) -> Stored {
         let HitSettings { push_n, settle_s, window_s, rms_limit_m } = self.hit;
-        // As much of the hit as the motor can stand, less 1 % for rounding.
+        // As much of the hit as the motor can bear, less 1 % for rounding.
         let longest_s = 0.99 * self.duty.longest_hit_s(&self.design);
         let part = f64::min(1.0, longest_s / (settle_s + window_s));
         Stored {
@@ -311,7 +314,7 @@ impl Device<'_> {
         }
     }
 
-    /// Why the board cannot take these settings, whatever their ranges: a sense that the estimator needs, or the output
+    /// Why the board cannot run these settings, although they are within their ranges: a missing sense, or the output
     /// period.
     pub fn unfit(&self, stored: &Stored) -> Option<Unfit> {
         let (estimator, period) = (stored.settings.velocity.name(), stored.period);
@@ -322,10 +325,10 @@ impl Device<'_> {
         missing.or(leaves_time(estimator, period).err().map(Unfit::TooSlow))
     }
 
-    /// The integers of those settings.
+    /// These settings in integers.
     ///
     /// # Errors
-    /// Names what is out of range.
+    /// Names the value that is out of range.
     pub fn control(&self, stored: &Stored) -> Result<LoopParameters, SettingsError> {
         stored.settings.build(&self.design(stored)?)
     }
@@ -336,8 +339,8 @@ impl Device<'_> {
         let design = self.designs.number_of(velocity);
         Key {
             estimator: velocity.name(),
-            // A table holds for a design, or for the defaults of the further parameters. Of other values nothing is
-            // known.
+            // The table of a key holds for a design, or for the defaults of the further parameters. For other values
+            // nothing is known.
             cutoff_hz: match design > 0 || velocity.differs_by_tuning_only() {
                 false => f64::NAN,
                 true => velocity.tuning().map_or(0.0, |(_, value)| value),
@@ -347,20 +350,20 @@ impl Device<'_> {
         }
     }
 
-    /// Whether their gains lie inside the envelope.
+    /// Checks that the gains of these settings are inside the envelope.
     ///
     /// # Errors
-    /// Says what is allowed.
+    /// Says which gains are allowed.
     pub fn inside(&self, stored: &Stored) -> Result<(), Outside> {
         let wall = &stored.settings.wall;
         let (k, b) = (wall.stiffness_n_per_m, wall.damping_n_s_per_m);
         self.envelope.allows(&self.key(stored), k, b)
     }
 
-    /// The order to take them.
+    /// The order to put these settings in force.
     ///
     /// # Errors
-    /// Names what is out of range.
+    /// Names the value that is out of range.
     pub fn order(&self, stored: &Stored) -> Result<Order, SettingsError> {
         let gains = if self.inside(stored).is_ok() { Gains::Inside } else { Gains::Outside };
         Ok(Order::LoopParameters(self.control(stored)?, gains))

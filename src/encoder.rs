@@ -15,7 +15,7 @@ pub enum CounterWidth {
     Bits32,
 }
 
-/// The width of a counter, as a value or as a type. Code that knows the type does not look it up with every sample.
+/// The width of a counter, as a value or as a type. Code that knows the type does not need to look up the width.
 pub trait Width: Copy {
     /// The width as a value.
     fn value(self) -> CounterWidth;
@@ -39,10 +39,10 @@ impl Width for Bits32 {
     }
 }
 
-/// Unwraps a counter that wraps around into positions whose differences are exact.
+/// Turns the readings of a wrapping counter into positions whose differences are exact.
 ///
-/// The place of position 0 follows from the last count and the last position. It is kept beside them too: see
-/// [`is_whole`](Self::is_whole).
+/// The count at position 0 follows from the last count and the last position. It is also stored, so that it can be
+/// checked: see [`is_whole`](Self::is_whole).
 #[derive(Clone, Copy, Debug)]
 pub struct Encoder<W = CounterWidth> {
     width: W,
@@ -54,7 +54,7 @@ pub struct Encoder<W = CounterWidth> {
 }
 
 impl<W: Width> Encoder<W> {
-    /// An encoder whose counter reads `counter` now; that reading, taken as signed, is its position.
+    /// An encoder whose counter reads `counter` now. This reading as a signed number is its position.
     pub fn new(counter: u32, width: W) -> Self {
         let position = Position::from_counts(signed(counter, width));
         Self { width, count: position.counts().cast_unsigned(), position, origin: 0 }
@@ -75,14 +75,14 @@ impl<W: Width> Encoder<W> {
         self.position
     }
 
-    /// The start of several readings, each of which then returns by how many counts it moved. Call
+    /// The start of several readings. Each of them then returns the counts since the reading before. Call
     /// [`moved`](Self::moved) after them.
     #[inline]
     pub(crate) fn moves(&self) -> Moves<W> {
         Moves { width: self.width, count: self.count }
     }
 
-    /// Takes over the count after these readings, and moves the position by the difference.
+    /// Takes over the count after these readings, and changes the position by the difference.
     #[inline]
     pub(crate) fn moved(&mut self, moves: &Moves<W>) {
         let moved = moves.count.wrapping_sub(self.count).cast_signed();
@@ -90,7 +90,7 @@ impl<W: Width> Encoder<W> {
         self.position = self.position.wrapping_add(moved);
     }
 
-    /// Makes the place of the last reading position 0.
+    /// Makes the last reading position 0.
     pub fn zero(&mut self) {
         self.position = Position::default();
         self.origin = self.count;
@@ -101,15 +101,15 @@ impl<W: Width> Encoder<W> {
         self.position
     }
 
-    /// Whether position 0 is where it was set. It is not if a bit of count, position or origin has flipped: then every
-    /// wall would be somewhere else.
+    /// Whether the count at position 0 is unchanged. It is not if a bit of count, position or origin has flipped. Then
+    /// every wall would be at another position.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.count.wrapping_add_signed(self.position.counts().wrapping_neg()) == self.origin
     }
 }
 
-/// The counter of an encoder, on its way over several readings.
+/// The counter of an encoder during several readings.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Moves<W> {
     width: W,
@@ -117,7 +117,7 @@ pub(crate) struct Moves<W> {
 }
 
 impl<W: Width> Moves<W> {
-    /// Counts from the last reading to this next one; negative: backwards.
+    /// Counts from the last reading to this one. Negative: backwards.
     #[inline(always)]
     pub(crate) fn to(&mut self, counter: i32) -> i32 {
         let moved = signed(counter.cast_unsigned().wrapping_sub(self.count), self.width);
@@ -128,13 +128,12 @@ impl<W: Width> Moves<W> {
 
 #[cfg(test)]
 impl<W> Encoder<W> {
-    /// A bit of the count at position 0 has flipped.
     pub(crate) fn spoil_origin(&mut self) {
         self.origin ^= 1 << 7;
     }
 }
 
-/// A reading as signed; of a narrow counter only its lower half counts.
+/// A reading as a signed number. Only the lower half of a narrow counter's reading is used.
 #[inline]
 fn signed(value: u32, width: impl Width) -> i32 {
     if width.value() == CounterWidth::Bits16 {

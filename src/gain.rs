@@ -1,10 +1,10 @@
-//! A positive factor with a mantissa and a shift: equally precise over the whole range of wall gains.
+//! A positive factor with a mantissa and a shift. Its relative precision is equal over the whole range of wall gains.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-/// A factor >= 0, `mantissa * 2^-shift`, normalised when it is made: 2^30 <= mantissa < 2^31, or 0. A negative
-/// shift is a left shift: with a coarse encoder and a weak motor one count of penetration is worth many full
-/// scales.
+/// A factor >= 0: `mantissa * 2^-shift`. It is normalised when it is made: 2^30 <= mantissa < 2^31, or 0. A negative
+/// shift is a left shift. It is needed if one count of penetration is worth many full scales, with a coarse encoder and
+/// a weak motor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gain {
     mantissa: i32,
@@ -50,7 +50,7 @@ impl Gain {
         self.mantissa
     }
 
-    /// Bits by which a product with the mantissa is shifted right; to the left if negative.
+    /// Bits by which a product with the mantissa is shifted right. Negative: to the left.
     pub const fn shift(self) -> i8 {
         self.shift
     }
@@ -74,11 +74,11 @@ impl Gain {
         }
     }
 
-    /// [`apply`](Self::apply) for a wider value.
+    /// As [`apply`](Self::apply), for a wider value.
     #[inline]
     pub(crate) fn apply_wide(self, value: i64) -> i64 {
         if self.shift < 1 {
-            // a gain of 2^30 and more: what does not fit 32 bits saturates anyway
+            // a gain of 2^30 and more: a value that needs more than 32 bits saturates anyway
             let narrow = value.clamp(i64::from(i32::MIN), i64::from(i32::MAX));
             #[expect(clippy::cast_possible_truncation, reason = "clamped in the line above")]
             return self.apply(narrow as i32);
@@ -121,7 +121,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// DESIGN: 2^-20; the format gives far more.
+    /// Required: 2^-20. The format gives far more.
     const RELATIVE_ERROR_MAX: f64 = 1.0 / (1u64 << 31) as f64;
 
     #[test]

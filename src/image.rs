@@ -1,21 +1,20 @@
-//! Compares the program in flash with a checksum that the build puts into it.
+//! Compares the program in flash with its checksum, which the build puts into the image.
 //!
 //! A linker makes no checksums. It leaves a word behind the vectors, the seal (`_seal` of memory.x), with all bits set.
-//! When all is linked, the package `seal` puts the checksum there. It covers vectors, code, constants and what is
-//! copied to RAM at boot, each from its first word to its last by the linker's names. The gaps between them are never
-//! read. Sectors that are written later are not covered. The settings have checksums of their own and are read only at
-//! `load`. The device record has one too, and each pass checks it, because envelope and designs are read from it all
-//! the time.
+//! After linking, the package `seal` puts the checksum there. It covers vectors, code, constants and the data that is
+//! copied to RAM at boot. The linker's names give the first and last word of each part. The gaps between the parts are
+//! never read. Sectors that are written later are not covered. The settings have checksums of their own and are read
+//! only at `load`. The device record also has its own checksum. Each pass checks it, because the program reads envelope
+//! and designs from it all the time.
 //!
 //! | when | by | wrong |
 //! |------|----|-------|
 //! | boot, before any task | [`Image::check`] | nothing runs; the console says why |
 //! | always, a [slice](SLICE) each time that `idle` wakes | [`Pass`] | off, [`Fault::Image`](crate::safety::Fault::Image), reset |
-//! | with each pass of `link` | [`PassWatch`] | the same, if no pass has ended for [`LONGEST`], or one that was wrong |
+//! | with each pass of `link` | [`PassWatch`] | the same, if a pass was wrong, or if none has ended for [`LONGEST`] |
 //!
-//! Two checks find a wrong image while the force may be on, and do not rely on each other. `idle` adds the checksums of
-//! each pass to a sum. `link` accepts only steps of [`RIGHT`] in this sum. If a flipped bit stops one of the two, the
-//! other one finds it.
+//! Two independent checks find a wrong image while the force may be on. `idle` adds the checksums of each pass to a
+//! sum. `link` accepts only steps of [`RIGHT`] in this sum. If a flipped bit stops one check, the other one finds it.
 
 use core::fmt;
 
@@ -27,12 +26,12 @@ use crate::{
 /// The seal of an image that is not sealed.
 pub const UNSEALED: u32 = u32::MAX;
 
-/// Words that `idle` reads each time that it wakes, which is 0.1 ms after the last time or sooner: 256 KiB in a tenth
-/// of a second. A flip just behind the pass is found by the end of the next pass.
+/// Words that `idle` reads each time that it wakes, at most 0.1 ms after the last time: 256 KiB in a tenth of a second.
+/// A flip just behind the read position is found by the end of the next pass.
 pub const SLICE: usize = 64;
 
-/// Longest time from the end of one pass to the end of the next, samples: 0.5 s. A pass takes a fifth of this, also
-/// while a host floods the board.
+/// Longest time from the end of one pass to the end of the next, samples: 0.5 s. A pass takes a fifth of this time,
+/// also while a host sends without a pause.
 pub const LONGEST: u32 = 500 * SAMPLES_PER_MS;
 
 /// Sum of the two CRCs of an intact pass: over image and record, each followed by its stored checksum.
@@ -41,12 +40,12 @@ pub const RIGHT: u32 = RESIDUE.wrapping_mul(2);
 /// Parts of an image, without its seal.
 const PARTS: usize = 4;
 
-/// An image.
+/// An image in flash.
 #[derive(Clone, Copy, Debug)]
 pub struct Image<'a> {
-    /// Vectors, code, constants, what is copied to RAM.
+    /// Vectors, code, constants, data that is copied to RAM.
     pub parts: [&'a [u32]; PARTS],
-    /// Their expected checksum.
+    /// Expected checksum of the parts.
     pub seal: &'a [u32; 1],
 }
 
@@ -55,12 +54,12 @@ pub struct Image<'a> {
 pub enum BadImage {
     /// It has no checksum.
     Unsealed,
-    /// The image differs from the one that was sealed: its checksum is wrong.
+    /// The image differs from the sealed image: its checksum is wrong.
     Damaged,
 }
 
 impl Image<'_> {
-    /// The checksum of what is there.
+    /// The checksum of the words in flash.
     pub fn checksum(&self) -> u32 {
         let mut sum = Sum::new();
         self.parts.iter().for_each(|part| sum.add(part));
@@ -73,10 +72,10 @@ impl Image<'_> {
         seal
     }
 
-    /// Whether it is what was sealed.
+    /// Checks that the image is the sealed one.
     ///
     /// # Errors
-    /// It is not.
+    /// The image has no seal, or differs from the sealed one.
     pub fn check(&self) -> Result<(), BadImage> {
         match self.sealed() {
             UNSEALED => Err(BadImage::Unsealed),
@@ -97,11 +96,11 @@ impl fmt::Display for BadImage {
 
 impl core::error::Error for BadImage {}
 
-/// Looks at image and device record, over and over, in slices.
+/// Checks image and device record in slices, again and again.
 pub struct Pass<'a> {
-    /// Parts to check: those of the image, its seal, the record.
+    /// Parts to check: parts of the image, its seal, the record.
     parts: [&'a [u32]; PARTS + 2],
-    /// The part that is being read, and the rest of it.
+    /// Number of the part that is being read. The next field: the rest of this part.
     part: usize,
     rest: &'a [u32],
     sum: Sum,
@@ -110,15 +109,15 @@ pub struct Pass<'a> {
 }
 
 impl<'a> Pass<'a> {
-    /// From the beginning, with this image and this record; the record's last word is its checksum.
+    /// A pass from the beginning of this image and this record. The record's last word is its checksum.
     pub const fn new(image: &Image<'a>, record: &'a [u32]) -> Self {
         let [vectors, code, constants, variables] = image.parts;
         let parts = [vectors, code, constants, variables, image.seal.as_slice(), record];
         Self { parts, part: 0, rest: vectors, sum: Sum::new(), found: 0 }
     }
 
-    /// Goes on by a slice, or to the end of a part. At the end of the pass it returns the sum of the checksums, which
-    /// is [`RIGHT`] if nothing is wrong.
+    /// Reads the next slice, or up to the end of a part. At the end of the pass it returns the sum of the checksums.
+    /// The sum is [`RIGHT`] if nothing is wrong.
     #[inline]
     pub fn go_on(&mut self) -> Option<u32> {
         let (slice, rest) = self.rest.split_at_checked(SLICE).unwrap_or((self.rest, &[]));
@@ -144,17 +143,17 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// Checks in the sum over all passes that the passes go on, and that none was wrong.
+/// Checks that passes end in time, and that none was wrong, by the sum over all passes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PassWatch {
     sum: u32,
-    /// Sample at which the last pass was over, low 32 bits.
+    /// Sample at the end of the last pass, low 32 bits.
     ended: u32,
 }
 
 impl PassWatch {
-    /// Whether something is wrong at this sample, with this sum over all passes: the last pass was wrong, or none has
-    /// ended for too long.
+    /// Whether something is wrong: the last pass was wrong, or none has ended for too long. `sample`: the present
+    /// sample. `sum`: the sum over all passes.
     pub fn is_wrong(&mut self, sample: u32, sum: u32) -> bool {
         if sum == self.sum.wrapping_add(RIGHT) {
             *self = Self { sum, ended: sample };
@@ -169,7 +168,7 @@ mod tests {
     use crate::crc;
     use std::{string::ToString, vec, vec::Vec};
 
-    /// Parts of other lengths than slices, one of them empty, and what their seal has to be.
+    /// Parts with other lengths than slices, one of them empty, and their correct seal.
     fn parts() -> ([Vec<u32>; PARTS], u32) {
         let of = |length: u32, seed: u32| (0..length).map(|n| seed.wrapping_mul(n + 1)).collect();
         let parts = [of(98, 0x9E37_79B9), of(1_003, 77), of(240, 0xDEAD_BEEF), vec![]];
@@ -187,7 +186,7 @@ mod tests {
         Image { parts: parts.each_ref().map(Vec::as_slice), seal }
     }
 
-    /// The next pass: the sum of its checksums, and how many calls it took.
+    /// Runs the next pass. Returns the sum of its checksums, and the number of calls.
     fn pass(pass: &mut Pass<'_>) -> (u32, usize) {
         (1..10_000).find_map(|n| Some((pass.go_on()?, n))).expect("it ends")
     }

@@ -6,10 +6,10 @@
 //! ```
 //!
 //! Firmware and simulator compile this code. Both call [`Sampler::sense`] for every encoder sample (10 kHz) and
-//! [`LoopParameters::render`] for every output (1 kHz), the firmware through the guard and the supervisor of
-//! [`safety`]. A person sets [`Settings`] in SI units. [`Settings::build`] checks them and folds all units into the
-//! integer coefficients of a [`LoopParameters`]. What samples change is the state of the [`Sampler`]. [`units`] has all
-//! formats in one table.
+//! [`LoopParameters::render`] for every output (1 kHz). The firmware calls them through the guard and the supervisor of
+//! [`safety`]. A person sets [`Settings`] in SI units. [`Settings::build`] checks them and converts them to the integer
+//! coefficients of a [`LoopParameters`]. Samples change only the state of the [`Sampler`]. [`units`] has all formats in
+//! one table.
 //!
 //! ```
 //! use zwidth::{CounterWidth, Design, Output, Sampler, Settings, VelocitySettings, WallSettings};

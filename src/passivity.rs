@@ -1,31 +1,34 @@
-//! A wall that cannot give more than a reserve: a time-domain passivity controller.
+//! A time-domain passivity controller: a wall that cannot give more energy than a reserve.
 //!
-//! At each output it computes what the wall's force can give at worst until the next force replaces it. It allows at
-//! most half of what the account of the contact ([`PortEnergy`]) and the reserve can pay:
+//! At each output it computes the most energy that the wall's force can give until the next force replaces it. The
+//! account of the contact ([`PortEnergy`]) and the reserve must pay for it. The controller allows at most half of their
+//! sum:
 //!
 //! ```text
 //! d      counts since the last output
-//! r1     max(0, change_1 - d latency / period)      the most that it can come out while the old force acts
-//! r2     max(1, change_2 - d)                       and while the new one acts
+//! r1     max(0, change_1 - d latency / period)      most counts outwards while the old force acts
+//! r2     max(1, change_2 - d)                       most counts outwards while the new force acts
 //! left   energy + reserve - old r1, but at least reserve / 2^20
 //! wall   within +-left / (2 r2)             for a wall that pulls: d with the other sign
 //! ```
 //!
-//! `change_1` and `change_2` are the counts by which motion can differ from that of the last output. With an
-//! acceleration of at most a (from the settings) they are `a (P l + l^2) / 2` and `a P (P + l)` for a period P and a
-//! latency l, and two counts of the quantisation.
+//! `change_1` and `change_2` are the counts by which motion can differ from the motion before the last output. The
+//! settings give the largest acceleration a. With a period P and a latency l, `change_1` is `a (P l + l^2) / 2`, and
+//! `change_2` is `a P (P + l)`. Each has two counts more for the quantisation.
 //!
-//! **What holds.** As long as the handle accelerates no more than a, the wall gives in each contact at most the
-//! reserve, and 2^-21 of it for each output at which the account was spent. This holds whatever is at the port, and
-//! however the estimator errs: what the old force may give is set aside before the new force is granted, and the new
-//! one gives at most half of the rest. If a motion accelerates more, the wall may give its force times the excess, and
-//! this is forgiven. A spent account still allows a least force, so that it recovers: a handle that is pushed in finds
-//! a wall again. The reserve is `2 change_2` counts at full scale, and with a latency `change_1 + 1` more. So when a
-//! contact has taken as much as it has given, the whole force is allowed at standstill.
+//! **The guarantee.** While the handle accelerates by at most a, the wall gives in each contact at most the reserve.
+//! Each output at which the account was spent adds at most 2^-21 of the reserve. This holds for anything at the port
+//! and for any error of the estimator. The energy that the old force may give is set aside before the new force is
+//! granted. The new force gives at most half of the rest.
 //!
-//! Why not the variable damper of Hannaford and Ryu: it divides the deficit by the velocity, which is one count or none
-//! at a period of 1 ms, and it pays only if the motion goes on as before. At each reversal its bound would be the same
-//! as this one.
+//! If a motion accelerates more, the wall may give its force times the excess. This energy is forgiven. A spent
+//! account still allows a least force, so that it recovers: a handle that is pushed in finds a wall again. The reserve
+//! is `2 change_2` counts at full scale, and with a latency `change_1 + 1` counts more. So the whole force is allowed
+//! at standstill when a contact has taken as much energy as it has given.
+//!
+//! The variable damper of Hannaford and Ryu is not used. It divides the deficit by the velocity, which is one count or
+//! none at a period of 1 ms. It pays only if the motion continues as before. At each reversal its bound would be the
+//! same as this one.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -41,9 +44,9 @@ use crate::{
 /// The controller in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PassivitySettings {
-    /// The most that the handle accelerates, m/s^2: by motor, hand and wall together.
+    /// Largest acceleration of the handle, m/s^2, by motor, hand and wall together.
     pub acceleration_m_per_s2: f64,
-    /// From a sample to the force that answers it, samples: 0 to the period.
+    /// Time from a sample to the force of its output, samples: 0 to the period.
     pub latency: u32,
 }
 
@@ -86,19 +89,20 @@ const ACCELERATION_BITS: i32 = 32;
 /// The least acceleration, m/s^2.
 const LEAST_M_PER_S2: f64 = 1e-6;
 
-/// The controller in counts; made by [`PassivitySettings::build`].
+/// The controller in counts. Made by [`PassivitySettings::build`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Passivity {
-    /// Counts per sample^2, rounded up, with 32 binary places.
+    /// Largest acceleration, counts per sample^2, rounded up, with 32 binary places.
     acceleration: u64,
     latency: u32,
     period: NonZeroU32,
-    /// Most counts by which the motion may change from the last output's: before the new force acts, and while it acts.
+    /// Most counts by which the motion may change from the motion before the last output. First: before the new force
+    /// acts. Second: while it acts.
     changes: [i32; 2],
 }
 
 impl Passivity {
-    /// The same with an output each `period` samples, at least the latency.
+    /// As this one, with an output each `period` samples. `period` must be at least the latency.
     #[must_use]
     pub fn at(self, period: u32) -> Self {
         let period = NonZeroU32::new(period).unwrap_or(NonZeroU32::MIN);
@@ -112,12 +116,12 @@ impl Passivity {
         Self { period, changes: [counts((l * (p + l)).div_ceil(2)), counts(p * (p + l))], ..self }
     }
 
-    /// Most counts by which the motion may change from the last output's while the new force acts.
+    /// Most counts by which the motion may change while the new force acts.
     pub fn change(&self) -> i32 {
         self.changes[1]
     }
 
-    /// The most that a contact may give, LSB of force times counts, before it is [spent](SPENT).
+    /// Most energy that a contact may give before its account is [spent](SPENT), LSB of force times counts.
     pub fn reserve(&self) -> i64 {
         let [before, after] = self.changes.map(i64::from);
         let meanwhile = if self.latency > 0 { before + 1 } else { 0 };
@@ -129,17 +133,17 @@ impl Passivity {
 #[derive(Clone, Copy, Debug)]
 pub struct PassiveWall {
     port: PortEnergy,
-    /// At the last output.
+    /// Position at the last output.
     last: Position,
-    /// What the contact has given beyond the reserve.
+    /// Energy that the contact has given beyond the reserve, LSB of force times counts.
     forgiven: i64,
-    /// Wall force that does not act yet, and the contact of its output; it acts when `wait` reaches 0.
+    /// Wall force that does not act yet, and the contact of its output. It acts when `wait` reaches 0.
     pending: (i64, bool),
     wait: u32,
 }
 
 impl PassiveWall {
-    /// No wall acts on the handle, which is at `position`.
+    /// No wall acts on the handle. The handle is at `position`.
     pub const fn new(position: Position) -> Self {
         let port = PortEnergy::new(position);
         Self { port, last: position, forgiven: 0, pending: (0, false), wait: 0 }
@@ -150,7 +154,7 @@ impl PassiveWall {
         &self.port
     }
 
-    /// Takes each sample's position, before [`render`](Self::render); without a latency it may be left out.
+    /// Takes each sample's position, before [`render`](Self::render). Without a latency these calls may be left out.
     #[inline]
     pub fn sample(&mut self, position: Position) {
         if self.wait > 0 {
@@ -161,7 +165,7 @@ impl PassiveWall {
         }
     }
 
-    /// [`limit`](Self::limit), granted at once.
+    /// Calls [`limit`](Self::limit), and grants its force at once.
     #[inline]
     pub fn render(
         &mut self,
@@ -175,8 +179,7 @@ impl PassiveWall {
         given
     }
 
-    /// Largest force of the wall that is allowed if it `wants` this one, LSB, positive out of the wall; at most two
-    /// full scales.
+    /// The allowed force of a wall that `wants` a force, LSB, positive out of the wall, at most two full scales.
     #[inline]
     pub fn limit(
         &mut self,
@@ -190,8 +193,8 @@ impl PassiveWall {
         let d = i64::from(position.wrapping_since(self.last));
         let fresh = contact && !port.contact();
         let reserve = plan.reserve();
-        // A blow may take more than there is. The excess is forgiven, or there would be no wall for the rest of the
-        // contact.
+        // A blow may take more energy than the account has. The excess is forgiven. Otherwise there would be no wall
+        // for the rest of the contact.
         self.forgiven = match port.energy() {
             _ if fresh => 0,
             energy => self.forgiven.max(reserve.saturating_add(energy).saturating_neg()),
@@ -199,13 +202,13 @@ impl PassiveWall {
         let energy = if fresh { 0 } else { port.energy().saturating_add(self.forgiven) };
         let left = energy.saturating_add(reserve).saturating_sub(self.committed(plan, d));
         let left = left.max(reserve >> SPENT);
-        // outward for a wall that pushes
+        // positive: out of the wall, for a wall that pushes
         let along = if wants < 0 { d } else { -d };
         let worst = (along + i64::from(plan.changes[1])).clamp(1, MOTION_MAX.into());
         within_budget(wants, left, worst)
     }
 
-    /// At each output: what the wall gives, `latency` samples later.
+    /// At each output: takes the wall's force, which acts `latency` samples later.
     #[inline]
     pub fn gives(&mut self, latency: u32, wall: i64, contact: bool, position: Position) {
         self.last = position;
@@ -217,7 +220,7 @@ impl PassiveWall {
         }
     }
 
-    /// From here on the place of the handle is called `position`.
+    /// From now on the present position of the handle has the number `position`.
     #[inline]
     pub fn rename(&mut self, position: Position) {
         self.last = position;
@@ -244,14 +247,15 @@ impl PassiveWall {
     }
 }
 
-/// An account with less than this part of the reserve is spent, and counts as this part: an output then gives at most
-/// half of it. Without this, a wall with an exactly spent account would give nothing for the rest of the contact.
+/// Binary places: an account with less than 2^-20 of the reserve is spent, and counts as this part. An output then
+/// gives at most half of it. Without this, a wall with an exactly spent account would give nothing for the rest of the
+/// contact.
 pub const SPENT: u32 = 20;
 
-/// No motion is more, counts: products with two full scales stay below 2^62.
+/// Largest motion, counts: products with two full scales stay below 2^62.
 const MOTION_MAX: i32 = 1 << 29;
 
-/// The nearest force that gives at most half of `left` over `worst` counts.
+/// The force nearest to `wants` that gives at most half of `left` over `worst` counts.
 #[inline]
 fn within_budget(wants: i64, left: i64, worst: i64) -> i64 {
     let most = 2 * worst;
@@ -329,8 +333,8 @@ mod tests {
         assert_eq!(wall.port().wall(), FULL);
     }
 
-    /// Whatever has spent the account, such as a blow that accelerates more than stated: a handle that is pushed in
-    /// finds a wall again.
+    /// A handle that is pushed in finds a wall again, for any cause of the spent account, such as a blow that
+    /// accelerates more than stated.
     #[test]
     fn a_spent_account_recovers_with_the_way_in() {
         let (plan, mut wall) = (plan(28.0, 0, 10), PassiveWall::new(at(0)));
@@ -385,7 +389,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the wall wants and however the handle moves, within the stated acceleration.
+        /// For any forces of the wall and any motion within the stated acceleration.
         #[test]
         fn no_contact_gives_more_than_the_reserve(
             acceleration in 1.0..200.0f64,
@@ -406,7 +410,7 @@ mod tests {
                 wall.sample(position);
                 if until_due == 0 {
                     outputs += 1;
-                    // at worst it pushes where it comes out and pulls where it goes in
+                    // worst case: it pushes when it comes out and pulls when it goes in
                     let wants = match wants[outputs as usize % wants.len()] {
                         _ if hard && speed < 0.0 => 2 * FULL,
                         _ if hard => -2 * FULL,

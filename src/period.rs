@@ -1,11 +1,11 @@
-//! Output periods: which there are, and which estimators leave the time for them.
+//! Output periods, and the estimators that leave enough time for them.
 
 use core::fmt;
 
 use crate::velocity::EstimatorName;
 
-/// Longest time from output to output with force on, us: longer than two of the longest output periods, shorter than
-/// the 3 ms within which force has to be off.
+/// Longest time from output to output with force on, us. It is longer than two of the longest output periods. It is
+/// shorter than 3 ms, within which the force must be off.
 pub const OUTPUT_WATCHDOG_US: u32 = 2500;
 
 /// Samples per output that a board can be set to.
@@ -14,22 +14,22 @@ pub const PERIODS: [u32; 4] = [1, 2, 5, 10];
 /// Samples in a millisecond of every board.
 pub const SAMPLES_PER_MS: u32 = 10;
 
-/// Outputs in a millisecond, 1 where they are farther apart.
+/// Outputs in a millisecond; 1 if the outputs are farther apart.
 pub fn outputs_per_ms(period: u32) -> u32 {
     SAMPLES_PER_MS.checked_div(period).unwrap_or_default().max(1)
 }
 
-/// Core cycles from one sample to the next of the slowest board, 168 MHz.
+/// Core cycles of a sample on the slowest board, 168 MHz.
 const SAMPLE: u32 = 16_800;
-/// Core cycles of a sample without the estimator (handler, guard, hand-over) at period 1, where every sample is due.
+/// Core cycles of a sample without the estimator (handler, guard, hand-over) at period 1, at which every sample is due.
 pub const GUARD: u32 = 220;
-/// Core cycles of a `render` with no order or a small one; large orders are not given while the logger writes.
+/// Core cycles of a `render` with no order or a small one. Large orders are not given while the logger writes.
 const RENDER: u32 = 3_600;
-/// Most core cycles for which the logger delays `render`, without the sample that falls into them.
+/// Most core cycles for which the logger delays `render`, without the sample in this time.
 const MASK: u32 = 8_600;
 
-/// Cycles that the longest update of an estimator may take: the time between two outputs, less a fifth for wait states,
-/// less a `render` that the logger has delayed; per sample.
+/// Cycles per sample that the longest update of an estimator may take. It is the time between two outputs, less a fifth
+/// for wait states, less a `render` that the logger has delayed.
 pub const fn cycles_allowed(period: u32) -> u32 {
     let between = period.saturating_mul(SAMPLE / 5 * 4).saturating_sub(MASK + RENDER);
     match between.checked_div(period) {
@@ -38,7 +38,7 @@ pub const fn cycles_allowed(period: u32) -> u32 {
     }
 }
 
-/// Estimators whose longest update takes more than is allowed at some of the periods, and its cycles, as measured
+/// Estimators whose longest update takes too long at some of the periods, with its measured cycles
 /// (docs/estimators.md). All others take less.
 pub const SLOW: [(&str, u32); 6] = [
     ("least-squares-1", 1726),
@@ -60,10 +60,10 @@ pub struct TooSlow {
     pub period: u32,
 }
 
-/// Whether that estimator leaves the time for an output each `period` samples.
+/// Checks that this estimator leaves the time for an output each `period` samples.
 ///
 /// # Errors
-/// Says why not.
+/// Its longest update takes too long.
 pub fn leaves_time(estimator: EstimatorName, period: u32) -> Result<(), TooSlow> {
     match SLOW.iter().find(|(name, _)| *name == estimator.text()) {
         Some(&(_, cycles)) if cycles > cycles_allowed(period) => {

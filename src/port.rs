@@ -1,40 +1,43 @@
-//! The energy at the port: what the wall's force and the motion of the counts exchange (a passivity observer, Hannaford
-//! and Ryu, "Time-domain passivity control of haptic interfaces", IEEE Trans. Robotics and Automation 18(1), 2002).
+//! The energy that the wall's force and the motion of the counts exchange at the port. This is a passivity observer
+//! (Hannaford and Ryu, "Time-domain passivity control of haptic interfaces", IEEE Trans. Robotics and Automation 18(1),
+//! 2002).
 //!
 //! ```text
 //! energy += wall (position - at)        wall: its force out of the wall, from the output on with which it acts
 //! ```
 //!
 //! The force is constant between two changes, so the sum is exact for every motion of the counts. Energy counts from
-//! the beginning of each contact, the first output behind the surface. Positive is what the wall has taken from the
-//! hand. Negative is what it has given beyond that, which no spring and no damper could give.
+//! the beginning of each contact, which is the first output behind the surface. Positive energy was taken from the
+//! hand. Negative energy was given beyond that. No spring and no damper could give it.
 //!
 //! The unit is an LSB of [`Force`](crate::units::Force) times a count: `full scale / 2^30 * resolution` is J.
 //!
-//! The account does not contain motion within a count (at each output at most a change of force times a count), what
-//! amplifier and motor make of the force, and the motion during a latency that is not stated.
+//! The account leaves out three things:
+//! * motion within a count (at each output at most a change of force times a count);
+//! * the change of the force by amplifier and motor;
+//! * the motion during a latency that is not stated.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use crate::units::Position;
 
-/// The account of a port.
+/// The energy account of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortEnergy {
-    /// Force of the wall that acts.
+    /// Force of the wall that acts, LSB of force.
     wall: i64,
-    /// The output that gave it was in contact.
+    /// Whether the output of this force was in contact.
     contact: bool,
-    /// Position up to which the motion is booked.
+    /// Position up to which the motion is in the account.
     at: Position,
     /// Energy of this contact, LSB of force times counts.
     energy: i64,
-    /// The largest deficit of any contact.
+    /// The largest deficit of any contact, LSB of force times counts.
     given: i64,
 }
 
 impl PortEnergy {
-    /// No wall acts on the handle, which is at `position`.
+    /// No wall acts on the handle. The handle is at `position`.
     pub const fn new(position: Position) -> Self {
         Self { wall: 0, contact: false, at: position, energy: 0, given: 0 }
     }
@@ -44,8 +47,8 @@ impl PortEnergy {
         Self { wall, contact, at: position, energy, given: 0 }
     }
 
-    /// From this position on the wall gives `wall`, LSB of force, positive out of the wall, at most two full scales:
-    /// the answer of an output that was in `contact` or not.
+    /// The wall's force changes to `wall` at this position. `wall`: LSB of force, positive out of the wall, at most two
+    /// full scales. `contact`: whether its output was in contact.
     #[inline]
     pub fn acts(&mut self, wall: i64, contact: bool, position: Position) {
         self.moved(position);
@@ -55,7 +58,7 @@ impl PortEnergy {
         (self.wall, self.contact) = (wall, contact);
     }
 
-    /// Books the motion up to this position.
+    /// Adds the motion up to this position to the account.
     #[inline]
     pub fn moved(&mut self, position: Position) {
         let counts = i64::from(position.wrapping_since(self.at));
@@ -64,7 +67,8 @@ impl PortEnergy {
         self.given = self.given.max(self.energy.saturating_neg());
     }
 
-    /// From now on the place of the handle has the number `position`. This move is not booked.
+    /// From now on the present position of the handle has the number `position`. This change is no motion for the
+    /// account.
     #[inline]
     pub const fn rename(&mut self, position: Position) {
         self.at = position;
@@ -76,19 +80,19 @@ impl PortEnergy {
         self.wall
     }
 
-    /// Whether the output that gave it was in contact.
+    /// Whether the output of this force was in contact.
     #[inline]
     pub const fn contact(&self) -> bool {
         self.contact
     }
 
-    /// Both numbers as they are reported.
+    /// Both energies, for reports.
     #[inline]
     pub const fn exchanged(&self) -> Exchanged {
         Exchanged { energy: self.energy, given: self.given }
     }
 
-    /// Energy that the wall has taken in this or the last contact; negative: it has given energy.
+    /// Energy that the wall has taken in this or the last contact. Negative: it has given energy.
     #[inline]
     pub const fn energy(&self) -> i64 {
         self.energy
@@ -100,7 +104,7 @@ impl PortEnergy {
         self.given
     }
 
-    /// Resets [`given`](Self::given), and out of contact also [`energy`](Self::energy).
+    /// Resets [`given`](Self::given). Out of contact it also resets [`energy`](Self::energy).
     #[inline]
     pub fn forget(&mut self) {
         self.given = 0;
@@ -113,9 +117,9 @@ impl PortEnergy {
 /// Energies of an account, LSB of force times counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Exchanged {
-    /// Energy taken, [`PortEnergy::energy`]; below 0 it was given.
+    /// Energy taken, [`PortEnergy::energy`]. Negative: energy was given.
     pub energy: i64,
-    /// Most energy given, [`PortEnergy::given`]; never below 0.
+    /// Most energy given, [`PortEnergy::given`]. Never negative.
     pub given: i64,
 }
 
@@ -132,7 +136,7 @@ mod tests {
     #[test]
     fn a_spring_gives_back_what_it_took_and_a_late_one_more() {
         let mut port = PortEnergy::new(at(0));
-        // in by steps of ten, out again; each force is that of the place where its step begins
+        // in by steps of ten, and out again; each force belongs to the beginning of its step
         for place in (0..100).step_by(10).chain((0..=100).rev().step_by(10)) {
             port.acts(i64::from(place) * 1000, true, at(place));
         }
@@ -185,7 +189,7 @@ mod tests {
     }
 
     proptest! {
-        /// Against sums of floats, force by force and sample by sample.
+        /// Compared with sums of floats, force by force and sample by sample.
         #[test]
         fn it_is_the_sum_of_force_times_motion(
             steps in proptest::collection::vec((-(1i64 << 31)..=1 << 31, -3000i32..3000), 1..200)

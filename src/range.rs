@@ -1,8 +1,8 @@
-//! Ranges: what is allowed, the check, and the error that names the parameter and the range.
+//! Allowed ranges, their check, and the error that names the parameter and the range.
 
 use core::{fmt, ops::RangeInclusive};
 
-/// Accepted ranges, SI units. The simulator checks its scenes against the same ones.
+/// Accepted ranges, SI units. The simulator checks its scenes with the same ranges.
 pub mod limits {
     use core::ops::RangeInclusive;
 
@@ -18,7 +18,7 @@ pub mod limits {
     pub const STIFFNESS_N_PER_M: RangeInclusive<f64> = 0.0..=1e7;
     /// Wall damping B, N s/m.
     pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e4;
-    /// Samples to settle before a hit is judged, and samples that are judged.
+    /// Samples before the window of a hit, and samples in it.
     pub const PHASE_SAMPLES: RangeInclusive<u32> = 1..=1 << 24;
     /// RMS limit of a hit, in counts.
     pub const RMS_COUNTS: RangeInclusive<f64> = 1e-3..=65_535.0;
@@ -29,9 +29,9 @@ pub mod limits {
 pub struct SettingsError {
     /// Its name, as in [`Settings`](crate::Settings), [`Design`](crate::Design) or [`HitSettings`](crate::HitSettings).
     pub parameter: &'static str,
-    /// What was asked for.
+    /// The refused value.
     pub value: f64,
-    /// Range that is allowed, with both ends.
+    /// Allowed range, with both ends.
     pub range: RangeInclusive<f64>,
 }
 
@@ -42,7 +42,8 @@ impl fmt::Display for SettingsError {
     }
 }
 
-/// The ends of a range for people: shortened, but never outwards, so that both ends are accepted when typed.
+/// The ends of a range for people. They are shortened, but never outwards, so that the board accepts both when they are
+/// typed.
 pub fn ends(range: &RangeInclusive<f64>) -> [f64; 2] {
     [(*range.start(), 1.0), (*range.end(), -1.0)].map(|(end, inwards)| {
         let short = [0.0, inwards].map(|digits| shortened(end, digits));
@@ -50,12 +51,12 @@ pub fn ends(range: &RangeInclusive<f64>) -> [f64; 2] {
     })
 }
 
-/// `value` to nine digits, so that a product like 3.5e-5 * 1000 prints as 0.035.
+/// `value` rounded to nine digits, so that a product like 3.5e-5 * 1000 is printed as 0.035.
 pub fn shorten(value: f64) -> f64 {
     shortened(value, 0.0)
 }
 
-/// `value` to nine digits, and the last of them moved by so much.
+/// `value` rounded to nine digits, with `moved` added to the last digit.
 fn shortened(value: f64, moved: f64) -> f64 {
     const DIGITS: f64 = 9.0;
     if value == 0.0 || !value.is_finite() {
@@ -73,7 +74,7 @@ fn shortened(value: f64, moved: f64) -> f64 {
 
 impl core::error::Error for SettingsError {}
 
-/// `value` if it lies in `range`; NaN lies in none.
+/// `value` if it lies in `range`. NaN lies in no range.
 ///
 /// # Errors
 /// Names the parameter and the range.

@@ -1,36 +1,36 @@
-//! What a board finds out about itself with the force off, and what is right.
+//! The self-test of a board with the force off, and the right results.
 //!
-//! A board measures part by part ([`SelfTest`](crate::contract::SelfTest)). Here the numbers are judged and printed.
+//! A board measures part by part ([`SelfTest`](crate::contract::SelfTest)). This module judges and prints the numbers.
 
 use core::fmt;
 
 use crate::{image::UNSEALED, period::OUTPUT_WATCHDOG_US};
 
-/// One thing that is tested.
+/// A part of the self-test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// The chip is the one that the image is for.
+    /// The chip, compared with the chip that the image is for.
     Chip,
-    /// The brown-out reset is on.
+    /// Whether the brown-out reset is on.
     BrownOutReset,
     /// Vector table and flash.
     Image,
     /// The pin of enable, by the program and by the emergency stop.
     Enable,
-    /// What drops enable without outputs.
+    /// The time after which enable is switched off without outputs.
     OutputWatchdog,
     /// The force output, compared with its codes.
     Output,
     /// The encoder's counter, fed by the board itself.
     Encoder,
-    /// When the samples read the counter.
+    /// The time at which the samples read the counter.
     Delay,
-    /// The clock, against the watchdog's oscillator.
+    /// The clock, compared with the watchdog's oscillator.
     Clock,
 }
 
 impl Part {
-    /// All, in the order in which they are tested.
+    /// All parts, in the order of the test.
     pub const ALL: [Self; 9] = [
         Self::Chip,
         Self::BrownOutReset,
@@ -43,7 +43,7 @@ impl Part {
         Self::Clock,
     ];
 
-    /// Whether it switches enable on, or moves the force output.
+    /// Whether the part switches enable on, or moves the force output.
     pub const fn drives(self) -> bool {
         matches!(self, Self::Enable | Self::OutputWatchdog | Self::Output)
     }
@@ -64,7 +64,7 @@ impl Part {
     }
 }
 
-/// When samples read the counter, in ticks of the sample timer after its update.
+/// Times at which samples read the counter, in ticks of the sample timer after its update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Delays {
     /// Samples that were measured.
@@ -73,22 +73,23 @@ pub struct Delays {
     pub least: u32,
     /// Latest reading, ticks.
     pub most: u32,
-    /// Histogram of readings by their distance from the earliest, [`Self::BIN`] ticks a bin; the last has the rest.
+    /// Histogram of readings by their distance from the earliest. A bin has [`Self::BIN`] ticks. The last bin has the
+    /// rest.
     pub bins: [u32; Self::BINS],
 }
 
 impl Delays {
-    /// Numbers in the histogram.
+    /// Bins of the histogram.
     pub const BINS: usize = 8;
     /// Ticks of each bin.
     pub const BIN: u32 = 4;
-    /// Largest spread of the samples' delays, ticks: half a microsecond. Instructions that cannot be interrupted, and
-    /// the entry into the interrupt, cause a smaller spread.
+    /// Largest spread of the samples' delays, ticks: half a microsecond. Uninterruptible instructions and the entry
+    /// into the interrupt cause a smaller spread.
     const SPREAD: u32 = 45;
     /// Samples that are measured.
     pub const SAMPLES: usize = 100;
 
-    /// Histogram of these times, in ticks.
+    /// Ends and histogram of these times, in ticks.
     pub fn of(times: &[u32]) -> Self {
         let least = times.iter().copied().min().unwrap_or_default();
         let most = times.iter().copied().max().unwrap_or_default();
@@ -107,7 +108,7 @@ impl Delays {
 /// Result of one part of the self-test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Found {
-    /// Its chip, and the one that it should be.
+    /// The chip, and the expected one.
     Chip {
         /// `DEV_ID` of the chip found.
         id: u32,
@@ -116,16 +117,16 @@ pub enum Found {
     },
     /// Levels of the brown-out reset (`BOR_LEV`): 3 is off.
     BrownOutReset {
-        /// In the option bytes.
+        /// Level in the option bytes.
         level: u32,
-        /// For the board's supply.
+        /// Right level for the board's supply.
         expected: u32,
     },
     /// The image in flash.
     Image {
         /// The first vector that leads nowhere, if there is one.
         bad_vector: Option<u32>,
-        /// CRC-32 of everything that is sealed.
+        /// CRC-32 of all sealed words.
         crc: u32,
         /// Expected CRC-32, from the seal.
         sealed: u32,
@@ -134,62 +135,62 @@ pub enum Found {
     Enable {
         /// The emergency stop was closed.
         stop_closed: bool,
-        /// With the main output off.
+        /// Level with the main output off.
         off: bool,
-        /// With it switched on, for a few cycles at zero force.
+        /// Level with the main output on, for a few cycles at zero force.
         on: bool,
-        /// With it switched off again.
+        /// Level with the main output off again.
         after: bool,
     },
     /// Enable without outputs, at zero force.
     OutputWatchdog {
-        /// The emergency stop was closed; without it enable cannot be on.
+        /// The emergency stop was closed. If it is open, enable cannot be on.
         stop_closed: bool,
-        /// Microseconds after which hardware has dropped it; none: it has not.
+        /// Microseconds until hardware switched enable off. `None`: it did not.
         micros: Option<u32>,
     },
-    /// The force output read back.
+    /// The force output, read back.
     Output {
-        /// The code with the largest difference, and what was read.
+        /// The code with the largest error, and its reading.
         worst: [u32; 2],
-        /// Largest difference that passes.
+        /// Largest error that passes.
         allowed: u32,
     },
-    /// Edges that the board gave to its counter by two wires, there and back.
+    /// Edges that the board gave to its counter by two wires, forwards and back.
     Encoder {
         /// Edges given on each way.
         sent: u32,
-        /// Counts after the way there.
+        /// Counts after the edges forwards.
         there: i32,
-        /// Counts after the way back.
+        /// Counts after the edges back.
         back: i32,
-        /// Edges that were given per second.
+        /// Edges that the board gave per second.
         rate_hz: u32,
         /// Smallest rate that passes.
         least_hz: u32,
     },
-    /// When samples read the counter.
+    /// Times at which samples read the counter.
     Delay(Delays),
-    /// The watchdog's oscillator, by this board's clock, Hz; 0 if it does not run.
+    /// Frequency of the watchdog's oscillator, measured by this board's clock, Hz. 0 if it does not run.
     Clock(u32),
 }
 
 /// Edges given on each way.
 pub const EDGES: u32 = 2000;
 
-/// When the output watchdog has to act, us.
+/// Time at which the output watchdog must act, us.
 const WATCHDOG_US: core::ops::RangeInclusive<u32> =
     OUTPUT_WATCHDOG_US - OUTPUT_WATCHDOG_US / 25..=OUTPUT_WATCHDOG_US + OUTPUT_WATCHDOG_US / 25;
 
-/// The watchdog's oscillator, Hz: what the data sheets allow.
+/// Frequency of the watchdog's oscillator that the data sheets allow, Hz.
 const OSCILLATOR_HZ: core::ops::RangeInclusive<u32> = 17_000..=47_000;
 
-/// Largest rate of edges that the processor surely makes, per second, if wait states of the flash cost half of its
+/// Largest rate of edges that the processor can surely make, per second. Wait states of the flash may cost half of its
 /// time.
 const FASTEST_HZ: f64 = 2.5e6;
 
 impl Found {
-    /// Sets the least rate: the edges per second of the device's fastest believable motion.
+    /// Sets the least rate that passes: the edges per second of the device's fastest believable motion.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -202,7 +203,7 @@ impl Found {
         self
     }
 
-    /// Whether it passes.
+    /// Whether the result passes.
     pub fn is_right(&self) -> bool {
         match *self {
             Self::Chip { id, expected } => id == expected,
@@ -390,7 +391,7 @@ mod tests {
             assert!(!encoder(there, back).is_right(), "{there} {back}");
         }
         says(encoder(0, 0), "fail, nothing is counted: are both wires there?");
-        // As fast as the device can be, or as the processor can make them.
+        // Edges as fast as the device can move, or as fast as the processor can make them.
         assert!(encoder(2000, 0).of_fastest(4_999_999.0).is_right());
         assert!(encoder(2000, 0).of_fastest(1e9).is_right());
         let slow =

@@ -1,8 +1,8 @@
-//! What a person sets, in SI units, and how it becomes integers.
+//! Settings of a person in SI units, and their conversion to integers.
 //!
-//! Three types for three forms: [`Settings`] (floats, for people), [`LoopParameters`] (integers, immutable), and the
-//! state (what samples change). Only [`Settings::build`] refuses settings. Then the old [`LoopParameters`] stay in
-//! force.
+//! There are three forms, with a type each. [`Settings`] has floats, for people. [`LoopParameters`] has integers, and
+//! is immutable. The state is changed by samples. Only [`Settings::build`] refuses settings. Then the old
+//! [`LoopParameters`] stay in force.
 
 use core::num::NonZeroU32;
 
@@ -27,7 +27,7 @@ pub struct Settings {
 /// The wall in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WallSettings {
-    /// Surface, m; the encoder's count 0 is at 0 m. Rounded to the nearest count.
+    /// Surface, m, rounded to the nearest count. The encoder's count 0 is at 0 m.
     pub position_m: f64,
     /// Stiffness K of the wall, N/m.
     pub stiffness_n_per_m: f64,
@@ -38,7 +38,7 @@ pub struct WallSettings {
 }
 
 impl Settings {
-    /// Validates, and folds every unit into integer gains and coefficients.
+    /// Checks the settings, and converts them to integer gains and coefficients.
     ///
     /// Host and target use the same `f64` operations and `libm` functions, so both get the same bits.
     ///
@@ -50,7 +50,7 @@ impl Settings {
         within("stiffness_n_per_m", wall.stiffness_n_per_m, limits::STIFFNESS_N_PER_M)?;
         within("damping_n_s_per_m", wall.damping_n_s_per_m, limits::DAMPING_N_S_PER_M)?;
         let force_lsb_per_n = f64::from(Force::FULL_SCALE.bits()) / design.full_scale_n;
-        // One count of penetration, and one LSB of velocity, in SI units.
+        // One LSB of velocity in SI units.
         let velocity_lsb =
             design.resolution_m * design.rate_hz / f64::from(1u32 << Velocity::FRACTION_BITS);
         Ok(LoopParameters {
@@ -78,7 +78,7 @@ impl Settings {
 /// `value * lsb` as a gain.
 ///
 /// # Errors
-/// The product does not fit; the error has the range that fits.
+/// The product does not fit. The error has the range that fits.
 fn gain(parameter: &'static str, value: f64, lsb: f64) -> Result<Gain, SettingsError> {
     let smallest = libm::scalbn(1.0, -32) / lsb;
     let largest = libm::scalbn(1.0, 53) / lsb;

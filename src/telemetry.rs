@@ -1,11 +1,12 @@
-//! What the board sends: one record per output, and its form in bytes.
+//! The telemetry that the board sends: one record per output, and its form in bytes.
 //!
-//! A frame of layout 2 has the outputs of a millisecond and the counts of all its samples. Every 100 ms it is a key
-//! frame; from there on a reader can compute every sample. A record of the black box has layout 1, 40 bytes, at 1 kHz.
-//! Least significant byte first; `docs/telemetry.md` has the tables. The sample index is sent whole. Its low 32 bits
-//! would wrap within a day at 50 kHz, and every reader would have to guess, for 4 bytes less. The CRC covers
-//! everything before it with the magic: where the magic stands by chance in garbage, a false frame passes once in 2^32
-//! times.
+//! A frame of layout 2 has the outputs of a millisecond and the counts of all its samples. Every 100 ms a frame is a
+//! key frame. From a key frame on a reader can compute every sample. A record of the black box has layout 1, 40 bytes,
+//! at 1 kHz. The least significant byte comes first. `docs/telemetry.md` has the tables.
+//!
+//! The sample index is sent with all 64 bits. With 32 bits it would wrap within a day at 50 kHz, and every reader would
+//! have to guess the rest. That would save only 4 bytes. The CRC covers everything before it, with the magic. If
+//! garbage contains the magic by chance, it passes as a frame once in 2^32 times.
 
 mod decoder;
 mod parts;
@@ -27,31 +28,31 @@ pub struct Flags(u16);
 impl Flags {
     /// The handle is inside the wall.
     pub const CONTACT: Self = Self(1);
-    /// An output was computed with this sample.
+    /// Whether an output was computed with this sample.
     pub const RENDERED: Self = Self(2);
-    /// The actuator could not give all that was asked for.
+    /// The actuator could not give the whole force.
     pub const SATURATED: Self = Self(4);
     /// The output is on: the force acts.
     pub const ON: Self = Self(8);
-    /// Force is complete: sign test and ramp are over.
+    /// The force is complete: sign test and ramp are over.
     pub const ARMED: Self = Self(16);
     /// A change fades in, or the wall's passivity controller withholds force.
     pub const CHANGING: Self = Self(32);
     /// A fault is latched.
     pub const FAULT: Self = Self(64);
-    /// The count was zeroed, and the zero was not lost since.
+    /// The count was zeroed, and the zero was not lost since then.
     pub const ZEROED: Self = Self(128);
-    /// The emergency stop is closed: force is possible.
+    /// The emergency stop is closed, so force is possible.
     pub const STOP_CLOSED: Self = Self(256);
     /// Gains beyond the predicted-stable envelope are allowed.
     pub const UNLOCKED: Self = Self(512);
-    /// Not live: a record from before the fault, read out of the black box.
+    /// Not live: a record of the black box, from before the fault.
     pub const REPLAY: Self = Self(1024);
 
-    /// Where the number of the design in force begins: 1 to 31 in the order of the device record; 0: none.
+    /// Lowest bit of the design's number. 1 to 31: number in the order of the device record. 0: no design.
     pub const DESIGN: u32 = 11;
 
-    /// With that design in force.
+    /// These flags, with the number of the design in force.
     #[must_use]
     pub const fn with_design(self, number: u8) -> Self {
         Self(self.0 & ((1 << Self::DESIGN) - 1) | (number as u16) << Self::DESIGN)
@@ -67,7 +68,7 @@ impl Flags {
         self.0
     }
 
-    /// Flags from these bits; bits without a meaning are kept.
+    /// Flags from these bits. Bits without a meaning are kept.
     pub const fn from_bits(bits: u16) -> Self {
         Self(bits)
     }
@@ -77,7 +78,7 @@ impl Flags {
         self.0 & other.0 == other.0
     }
 
-    /// With `other`, if `set`.
+    /// These flags, and `other` if `set`.
     #[must_use]
     #[inline]
     pub const fn with_if(self, other: Self, set: bool) -> Self {
@@ -88,7 +89,7 @@ impl Flags {
 /// One output, in the integers of the control itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Record {
-    /// Index of the sample that the output answers.
+    /// Index of the output's sample.
     pub sample: u64,
     /// Position of the handle, counts.
     pub position: Position,
@@ -96,20 +97,20 @@ pub struct Record {
     pub velocity: Velocity,
     /// Force that the output gives, after ramps; 0 while it is off.
     pub force: Force,
-    /// DAC or PWM code that the hardware was given.
+    /// DAC or PWM code that was written to the hardware.
     pub command: OutputCode,
     /// Facts about this output, as bits.
     pub flags: Flags,
-    /// Number of the settings in force, modulo 2^16: counts up with every change.
+    /// Number of the settings in force, modulo 2^16. It counts up with every change.
     pub settings: u16,
-    /// Code of the latched fault; 0: none.
+    /// Code of the latched fault; 0: no fault.
     pub fault: u8,
 }
 
 /// A record with its place in the stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Frame {
-    /// Counts all frames that were made, sent or not; wraps. A gap means dropped frames.
+    /// Number of frames that were made so far, sent or not; wraps. A gap means dropped frames.
     pub sequence: u32,
     /// Record of the newest output.
     pub record: Record,
@@ -120,7 +121,7 @@ impl Frame {
     pub const MAGIC: [u8; 2] = *b"ZW";
     /// Version of the layout of one output, the third byte.
     pub const VERSION: u8 = 1;
-    /// Length of such a frame, bytes.
+    /// Length of a frame of layout 1, bytes.
     pub const LEN: usize = 40;
     /// Version of the layout of several outputs.
     pub const VERSION_2: u8 = 2;
@@ -130,13 +131,13 @@ impl Frame {
     pub const OUTPUTS: usize = 10;
     /// Most samples whose counts a frame has.
     pub const SAMPLES: usize = 20;
-    /// Bytes before the length field, which begin with the newest output; and bytes of each output before it.
+    /// Bytes before the length field. They begin with the newest output. The next line: bytes of each earlier output.
     const HEAD: usize = 36;
     const EARLIER: usize = 18;
 }
 
 impl Record {
-    /// At rest at zero, without flags.
+    /// A record at rest at zero, without flags.
     pub const EMPTY: Self = Self {
         sample: 0,
         position: Position::from_counts(0),
@@ -179,8 +180,8 @@ impl Frame {
         put(rest, &record.settings.to_le_bytes());
     }
 
-    /// Begins a frame of layout 2 with outputs that are `period` samples apart: `earlier`, oldest first, at most
-    /// [`OUTPUTS`](Self::OUTPUTS) less one, then this one. All have this one's settings and fault.
+    /// Begins a frame of layout 2. `earlier`: outputs before this one, oldest first, at most [`OUTPUTS`](Self::OUTPUTS)
+    /// less one. `period`: samples between two outputs. All outputs have the settings and the fault of this one.
     pub fn encode_after<'a>(
         &self,
         earlier: &[Record],
@@ -198,7 +199,7 @@ impl Frame {
         writer
     }
 
-    /// The frame in these bytes; `None` if they are not a frame of layout 1.
+    /// The frame in these bytes. `None` if they are no frame of layout 1.
     pub fn decode(bytes: &[u8; Self::LEN]) -> Option<Self> {
         Self::read(bytes).filter(|_| bytes.get(2) == Some(&Self::VERSION))
     }

@@ -1,4 +1,4 @@
-//! The quantities between encoder and command. Each has its format in its type.
+//! The quantities from the encoder to the command. The format of each quantity is in its type.
 //!
 //! | quantity     | unit                     | format  | LSB          | range                 | made by |
 //! |--------------|--------------------------|---------|--------------|-----------------------|---------|
@@ -11,10 +11,9 @@
 //! | [`Gain`](crate::Gain) | force LSB per input LSB | 31 bits x 2^-shift | relative 2^-31 | 0, 2^-32 .. 2^54 | [`Settings::build`](crate::Settings::build) |
 //! | filter coefficient | 1                  | `Q30`   | 2^-30        | -2 .. 2               | [`Settings::build`](crate::Settings::build) |
 //!
-//! If a format changes, change it here; the test below compares the table with the types.
+//! If a format changes, change this table too. The test below compares it with the types.
 //!
-//! One count per sample at 1 um and 10 kHz is already 10 mm/s. The 16 fractional bits are for the output of the
-//! filter.
+//! At 1 um and 10 kHz one count per sample is already 10 mm/s. The 16 fractional bits are for the output of the filter.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -27,7 +26,7 @@ use dsp_fixedpoint::Q32;
 pub struct Position(i32);
 
 impl Position {
-    /// Largest magnitude, in counts; a position beyond it is a fault.
+    /// Largest magnitude, in counts. A position beyond it is a fault.
     pub const LIMIT: i32 = 1 << 30;
 
     /// A position of that many counts.
@@ -48,7 +47,7 @@ impl Position {
         self.0 >= -Self::LIMIT && self.0 <= Self::LIMIT
     }
 
-    /// Moves by `counts`, wrapping at the ends of `i32`, so that differences stay exact.
+    /// This position plus `counts`. It wraps at the ends of `i32`, so that differences stay exact.
     #[inline]
     pub(crate) const fn wrapping_add(self, counts: i32) -> Self {
         Self(self.0.wrapping_add(counts))
@@ -81,10 +80,10 @@ impl Velocity {
     /// Largest magnitude, in bits.
     pub(crate) const LIMIT_BITS: i32 = Self::LIMIT << Self::FRACTION_BITS;
 
-    /// The nearest velocity to that many counts per sample.
+    /// The nearest velocity to `counts` counts per sample.
     #[inline]
     pub fn saturating_from_counts(counts: i32) -> Self {
-        // It nearly always is in range: one comparison instead of two.
+        // It is nearly always in range, so one comparison is enough instead of two.
         let inside =
             counts.wrapping_add(Self::LIMIT).cast_unsigned() <= 2 * Self::LIMIT.cast_unsigned();
         if inside {
@@ -94,7 +93,7 @@ impl Velocity {
         Self(Q32::from_bits(if counts < 0 { -Self::LIMIT_BITS } else { Self::LIMIT_BITS }))
     }
 
-    /// The nearest velocity to that many LSB of 2^-16 counts per sample.
+    /// The nearest velocity to `bits` LSB of 2^-16 counts per sample.
     #[inline]
     pub fn saturating_from_bits(bits: i32) -> Self {
         let limit = Self::LIMIT_BITS;
@@ -105,7 +104,7 @@ impl Velocity {
         Self(Q32::from_bits(if bits < 0 { -limit } else { limit }))
     }
 
-    /// A velocity of that many LSB, which are in its range.
+    /// A velocity of `bits` LSB, which must be in its range.
     #[inline(always)]
     pub(crate) fn from_bits_in_range(bits: i32) -> Self {
         debug_assert!(bits.unsigned_abs() <= Self::LIMIT_BITS.cast_unsigned());
@@ -121,8 +120,8 @@ impl Velocity {
 
 /// Acceleration in counts per sample^2, 24 fractional bits, saturating at +-127.
 ///
-/// It is finer than [`Velocity`], because it is summed up: at 1 um and 10 kHz the LSB is 6e-6 m/s^2 and the range
-/// 12,700 m/s^2.
+/// It is finer than [`Velocity`], because estimators sum it up. At 1 um and 10 kHz the LSB is 6e-6 m/s^2, and the range
+/// is 12,700 m/s^2.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
 pub struct Acceleration(Q32<24>);
 
@@ -134,7 +133,7 @@ impl Acceleration {
     /// No acceleration at all.
     pub const ZERO: Self = Self(Q32::from_bits(0));
 
-    /// The nearest acceleration to that many LSB of 2^-24 counts per sample^2.
+    /// The nearest acceleration to `bits` LSB of 2^-24 counts per sample^2.
     #[inline]
     pub fn saturating_from_bits(bits: i32) -> Self {
         let limit = Self::LIMIT << Self::FRACTION_BITS;
@@ -160,7 +159,7 @@ impl Force {
     /// The largest force of the actuator.
     pub const FULL_SCALE: Self = Self(Q32::from_bits(1 << Self::FRACTION_BITS));
 
-    /// The nearest force to that many LSB of 2^-30 of full scale: within +-1 full scale.
+    /// The nearest force to `bits` LSB of 2^-30 of full scale, within +-1 full scale.
     #[inline]
     pub fn saturating_from_bits(bits: i32) -> Self {
         let limit = 1 << Self::FRACTION_BITS;
@@ -174,11 +173,11 @@ impl Force {
     }
 }
 
-/// A requested force, in the unit of [`Force`], but possibly far beyond full scale.
+/// A requested force, in the unit of [`Force`]. It may be far beyond full scale.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Demand {
     bits: i64,
-    /// Even this range was too small.
+    /// Whether even this range was too small.
     clipped: bool,
 }
 
@@ -186,13 +185,13 @@ impl Demand {
     /// No force is requested.
     pub const ZERO: Self = Self::from_bits(0);
 
-    /// A demand of that many LSB of 2^-30 of full scale.
+    /// A demand of `bits` LSB of 2^-30 of full scale.
     #[inline]
     pub const fn from_bits(bits: i64) -> Self {
         Self { bits, clipped: false }
     }
 
-    /// The same demand, marked as less than was requested if `clipped`.
+    /// The same demand. If `clipped`, it is marked as less than requested.
     #[inline]
     #[must_use]
     pub const fn clipped_if(self, clipped: bool) -> Self {
@@ -212,7 +211,7 @@ impl Demand {
         Self { bits: i64::from(push.bits()).saturating_sub(self.bits), ..self }
     }
 
-    /// The nearest force that the actuator can give, and whether that is less than was requested.
+    /// The nearest force that the actuator can give, and whether it is less than requested.
     #[inline]
     pub fn saturate(self) -> (Force, bool) {
         let limit = 1i64 << Force::FRACTION_BITS;
@@ -223,7 +222,7 @@ impl Demand {
     }
 }
 
-/// What the output hardware is given: a DAC code, or a signed PWM compare value.
+/// Command for the output hardware: a DAC code, or a signed PWM compare value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct OutputCode(pub(crate) i32);
 

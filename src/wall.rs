@@ -1,4 +1,4 @@
-//! The virtual wall: a spring and a damper behind a surface, the third stage, run for every output.
+//! The virtual wall, a spring and a damper behind a surface. It is the third stage, and runs for every output.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -7,7 +7,7 @@ use crate::{
     units::{Demand, Position, Velocity},
 };
 
-/// A spring-damper wall in integer units; made by [`Settings::build`](crate::Settings::build).
+/// A spring-damper wall in integer units. Made by [`Settings::build`](crate::Settings::build).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wall {
     pub(crate) surface: Position,
@@ -30,7 +30,7 @@ impl Wall {
         self.stiffness
     }
 
-    /// Whether it has any force.
+    /// Whether the wall has any force.
     #[inline]
     pub fn acts(&self) -> bool {
         self.stiffness != Gain::default() || self.damping != Gain::default()
@@ -41,15 +41,15 @@ impl Wall {
         self.damping
     }
 
-    /// Counts of `position` behind the surface; contact is where this is positive.
+    /// Counts of `position` behind the surface. The handle is in contact if this is positive.
     #[inline]
     pub fn penetration(&self, position: Position) -> i32 {
         position.saturating_since(self.surface)
     }
 
-    /// `K * penetration + B * velocity` while in contact, else zero. Here the wall becomes one-sided: with
-    /// `push_only` the sum is never negative. While gains fade, `within` of `src/safety/gain_fade.rs` keeps this sign.
-    /// Each term saturates at +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]).
+    /// `K * penetration + B * velocity` in contact, else zero. With `push_only` the sum is never negative, so the wall
+    /// never pulls. While gains fade, `within` of `src/safety/gain_fade.rs` keeps this sign. Each term saturates at
+    /// +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]).
     #[inline]
     pub fn demand(&self, position: Position, velocity: Velocity) -> Demand {
         let penetration = self.penetration(position);
@@ -106,14 +106,14 @@ mod tests {
         let fast = Velocity::saturating_from_bits(i32::MIN);
         let viscous = Wall { damping: Gain::from_f64(2f64.powi(50)).unwrap(), ..wall(false) };
         assert_eq!(viscous.demand(at(101), fast).bits(), 1000 - Gain::PRODUCT_LIMIT);
-        // one term is clipped, and the other cancels nearly all of it: the sum is not known
+        // one term is clipped, and the other cancels nearly all of it: the sum is unknown
         let slow = Velocity::saturating_from_bits(-32_767 << 16);
         let back = Gain::from_f64(1_073_774_593.0).unwrap(); // (2^61 - 2^16) / (32 767 x 2^16)
         let one = Wall { damping: back, ..strong };
         assert_eq!(one.demand(at(i32::MAX), slow).bits(), 1 << 16);
         assert!(one.demand(at(i32::MAX), slow).saturate().1);
         assert_eq!((one.stiffness(), one.damping()), (strong.stiffness, back));
-        // both beyond the range, in opposite directions: the sum is not known, and marked so
+        // both are beyond the range, in opposite directions: the sum is unknown, and marked so
         let both = Wall { damping: viscous.damping, ..strong };
         assert!(both.demand(at(i32::MAX), fast).saturate().1);
     }

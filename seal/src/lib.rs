@@ -18,14 +18,12 @@ const VARIABLES: [&str; 3] = ["__sidata", "__sdata", "__edata"];
 
 /// Access to the symbols and bytes of an image.
 pub trait Linked {
-    /// The address of a symbol.
     fn address_of(&self, symbol: &str) -> Option<u32>;
 
     /// Address and bytes of each piece that goes into flash.
     fn pieces(&self) -> impl Iterator<Item = (u32, &[u8])>;
 }
 
-/// A word in flash.
 fn word_at(image: &impl Linked, address: u32) -> Option<u32> {
     image.pieces().find_map(|(from, bytes)| {
         let word = bytes.get(address.checked_sub(from)? as usize..)?.first_chunk()?;
@@ -67,7 +65,6 @@ pub fn seal_of(image: &impl Linked) -> Result<(u32, u32), String> {
     }
 }
 
-/// The parsed ELF file.
 struct File<'a> {
     /// Symbols: name, address.
     symbols: Vec<(&'a str, u64)>,

@@ -13,9 +13,9 @@
 //! In reset all pins are inputs; 4.7 kOhm at the amplifier pull enable down. The code of zero force is 0, full scale is
 //! +-4200 codes.
 //!
-//! Conflicts: the user button B1 is on PA0, the usual TIM2_CH1, hence PA15 (free, because only SWD is used). The audio
-//! codec is on PA4, the DAC's pin, hence PWM. The accelerometer uses PE0, PE1, PE3 and PA5 to PA7; the firmware leaves
-//! these alone. The clock is the board's 8 MHz crystal X2.
+//! Conflicts: the user button B1 is on PA0, the usual TIM2_CH1. So encoder A is on PA15, which is free because only SWD
+//! is used. The audio codec is on PA4, the DAC's pin, so the force is a PWM. The accelerometer uses PE0, PE1, PE3 and
+//! PA5 to PA7; the firmware leaves these alone. The clock is the board's 8 MHz crystal X2.
 
 #[path = "f4/mod.rs"]
 mod f4;
@@ -38,7 +38,6 @@ use zwidth::{
 
 pub type Selected = F4<DiscoveryF407>;
 
-/// What it has of its own.
 pub struct DiscoveryF407;
 
 impl DiscoveryF407 {
@@ -53,11 +52,11 @@ const _: () = assert!(DiscoveryF407::STEPS as u32 > pwm::LEAD_CYCLES, "a PWM per
 impl Wiring for DiscoveryF407 {
     const NAME: &'static str = "discovery-f407";
     const CORE_HZ: u32 = 168_000_000;
-    /// Low below 2.59 to 2.71 V, good again above 2.69 to 2.82 V (data sheet). The board gives 3.0 V (a regulator of
-    /// 3.3 V behind a diode), which the highest levels would always call low.
+    /// Low below 2.59 to 2.71 V, good again above 2.69 to 2.82 V (data sheet). The board supplies 3.0 V, from a
+    /// regulator of 3.3 V and a diode. The highest levels would call 3.0 V low.
     const SUPPLY_LEVEL: u8 = 0b100;
     const OUTPUT: Output = Output::Pwm { steps: Self::STEPS as u32 };
-    /// No edge times: PA6 and PA7, where TIM3 would capture them, are the accelerometer's.
+    /// No edge times: TIM3 would capture on PA6 and PA7, which the accelerometer uses.
     const ENABLE: pin::BoardPin = pin::BoardPin::new('E', 13);
     const STOP: pin::BoardPin = pin::BoardPin::new('E', 15);
     const CHIP: u32 = 0x413;
@@ -65,8 +64,8 @@ impl Wiring for DiscoveryF407 {
     const BROWN_OUT_RESET: u32 = 1;
     const SWING: Option<[i32; 2]> = None;
     const SENSES: &'static [Sense] = &[Sense::Force];
-    /// Until the PWM period that takes the command over. A pulse begins with its period, so a small force acts up to
-    /// half a period (0.125) sooner; docs/firmware.md has the measurement.
+    /// From the sample to the PWM period that uses the command. A pulse begins with its period, so a small force acts
+    /// up to half a period (0.125 samples) sooner. docs/firmware.md has the measurement.
     const LATENCY_SAMPLES: f64 = pwm::LEAD_CYCLES as f64 / (Self::CORE_HZ / RATE_HZ) as f64;
     type Force = pwm::Output;
     type Encoder = encoder::Encoder;
@@ -79,8 +78,8 @@ impl Wiring for DiscoveryF407 {
     fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<Selected> {
         let clock = Config::hse(8.MHz()).sysclk(Self::CORE_HZ.Hz()).pclk1(42.MHz()).pclk2(84.MHz());
         let mut chip = Chip::start::<Self>(device.RCC, clock, false, &device.DBGMCU, core);
-        // One more than the HAL sets, for 2.4 to 2.7 V (reference manual RM0090, table 10): the supply detector
-        // may find 2.59 V still good.
+        // One wait state more than the HAL sets, for 2.4 to 2.7 V (reference manual RM0090, table 10). At 2.59 V the
+        // supply detector may still report a good supply.
         device.FLASH.acr().modify(|_, w| w.latency().ws6());
         let rcc = &mut chip.rcc;
         let a = device.GPIOA.split(rcc);

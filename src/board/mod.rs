@@ -1,8 +1,8 @@
 //! The hardware. All unsafe code of the firmware is here, except the hand-over between tasks in `src/sync`.
 //!
-//! [`zwidth::contract`] states what a board gives. A board is one file. It names its pins as the schematic does, and
-//! includes the peripherals of its family (`f4/`) and what every family shares (`common/`). It exports `Selected`. See
-//! docs/lab/adding-a-board.md.
+//! [`zwidth::contract`] states what a board provides. A board is one file, which exports `Selected`. It names its pins
+//! as the schematic does. It includes the peripherals of its family (`f4/`) and the code that all families share
+//! (`common/`). See docs/lab/adding-a-board.md.
 #![allow(unsafe_code)]
 
 // One board each; build.rs refuses two.
@@ -26,7 +26,7 @@ use zwidth::{
     safety::{Fault, OutputWatch},
 };
 
-// The board's own: its parts as the tasks name them.
+// The selected board's parts, by the names that the tasks use.
 pub type Board = Parts<Selected>;
 pub type Link = contract::Link<Selected>;
 pub type Encoder = <Selected as contract::Board>::Encoder;
@@ -47,7 +47,7 @@ pub type SettingsFlash = <Selected as contract::Board>::Flash;
 pub type UpLink = <Selected as contract::Board>::Up;
 pub type Commands = <Selected as contract::Board>::Commands;
 
-/// What a device record must match.
+/// Facts that a device record must match.
 pub const FACTS: BoardFacts = BoardFacts {
     name: <Selected as contract::Board>::NAME,
     rate_hz: RATE_HZ as f64,
@@ -76,8 +76,8 @@ pub fn start() {
     contract::start::<Encoder, Force, SampleTimer>();
 }
 
-/// Sleeps until an interrupt, and never deeper, whatever has set the bit for that (SLEEPDEEP in SCR, PM0214 4.4.6). In
-/// stop mode (RM0390 and RM0090, 5.3) no clock runs, and only the independent watchdog could switch off.
+/// Sleeps until an interrupt. Clears SLEEPDEEP (SCR, PM0214 4.4.6) first, in case a flipped bit has set it. In stop
+/// mode (RM0390 and RM0090, 5.3) no clock runs, and only the independent watchdog could switch off.
 #[inline(always)]
 pub fn sleep() {
     // SAFETY: the register's reset value; nothing else in this program writes it.
@@ -86,8 +86,8 @@ pub fn sleep() {
     cortex_m::asm::wfi();
 }
 
-/// Ends the floating-point context that `init` has begun. `idle` has no such context. Otherwise the first float
-/// instruction of `link` would save all of it, for some 35 cycles in which a sample waits.
+/// Ends the floating-point context that `init` began; `idle` needs none. Otherwise the first float instruction of
+/// `link` would save the whole context. That takes some 35 cycles, during which a sample waits.
 fn forget_floats() {
     let mut control = control::read();
     control.set_fpca(control::Fpca::NotActive);

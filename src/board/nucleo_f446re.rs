@@ -11,13 +11,12 @@
 //! | enable          | PA10 | D2, CN9-3         | TIM1_CH3, active high, low in off |
 //! | emergency stop  | PB12 | CN10-16           | TIM1_BKIN, closed to ground       |
 //!
-//! In reset all pins are inputs; 4.7 kOhm at the amplifier pull enable down. The code of zero force is 2048, full scale
-//! is 2047 codes away; a higher voltage pushes into the wall.
+//! In reset all pins are inputs; 4.7 kOhm at the amplifier pull enable down. The code of zero force is 2048. Full scale
+//! is 2047 codes away. A higher voltage pushes into the wall.
 //!
-//! Conflicts: LD2 and the shield pin D13 are on PA5, which stays free. USART2 to the ST-LINK is on PA2 and PA3,
-//! which stay free. The clock is the ST-LINK's 8 MHz on MCO, with solder bridges SB16 and SB50 on (UM1724, 6.7.1;
-//! a board marked C-01 is delivered without that clock). Without the clock the board says so on RTT and stays
-//! off.
+//! Conflicts: LD2 and the shield pin D13 are on PA5. USART2 to the ST-LINK is on PA2 and PA3. All three pins stay free.
+//! The clock is the ST-LINK's 8 MHz on MCO, with solder bridges SB16 and SB50 on (UM1724, 6.7.1). A board marked C-01
+//! is delivered without that clock. Without the clock the board says so on RTT and stays off.
 
 #[path = "f4/dac.rs"]
 mod dac;
@@ -40,10 +39,9 @@ use zwidth::{Output, contract::Parts, self_test::Found, velocity::Sense};
 
 pub type Selected = F4<NucleoF446re>;
 
-/// What differs from the other boards.
 pub struct NucleoF446re;
 
-/// Edge times, if they are wanted.
+/// Edge times, if the image has them.
 #[cfg(feature = "time-stamps")]
 type EdgeTimes = edges::Edges<{ NucleoF446re::CORE_HZ / 2 / RATE_HZ }>;
 #[cfg(not(feature = "time-stamps"))]
@@ -63,7 +61,7 @@ impl Wiring for NucleoF446re {
     const SWING: Option<[i32; 2]> = Some(dac::SWING);
     const SENSES: &'static [Sense] =
         if cfg!(feature = "time-stamps") { &[Sense::Force, Sense::Edge] } else { &[Sense::Force] };
-    /// 8.5 us to the DAC's register (6.7 us on the virtual board, which has no wait states), 3 us for its buffer to
+    /// 8.5 us to the DAC's register (6.7 us on the virtual board, which has no wait states). 3 us for its buffer to
     /// settle (data sheet, typical).
     const LATENCY_SAMPLES: f64 = 0.115;
     type Force = dac::Output;

@@ -10,20 +10,20 @@ use crate::{
     velocity::{EstimatorName, UnknownEstimator},
 };
 
-/// What a person can ask for.
+/// A command of the console.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// List all commands with their usage.
     Help,
     /// Say which firmware and device this is.
     Version,
-    /// Say how things stand.
+    /// Report the state of supervisor and experiment.
     Status,
     /// Say which settings are in force.
     Get,
-    /// The count is 0 here.
+    /// Make the present position zero.
     Zero,
-    /// Sign test, ramp, force.
+    /// Switch the force on: sign test, then ramp.
     Arm,
     /// Switch the force off.
     Disarm,
@@ -37,7 +37,7 @@ pub enum Command {
     Cutoff(f64),
     /// The estimator's tuning, in its own unit: see [`EstimatorName::parameters`].
     Tuning(f64),
-    /// A further parameter of the estimator by its place (1 is the second parameter), in its own unit.
+    /// A further parameter of the estimator, in its own unit. The first value is its number; 1 is the second parameter.
     Further(usize, f64),
     /// Velocity estimator by its name.
     Estimator(EstimatorName),
@@ -51,7 +51,7 @@ pub enum Command {
     Push(f64),
     /// Run a wall hit.
     Hit,
-    /// Run a pulse train, of that force, N.
+    /// Run a pulse train with this force, N.
     Pulses(f64),
     /// Walk along the boundary.
     Walk,
@@ -63,37 +63,37 @@ pub enum Command {
     Stream(bool),
     /// Write the settings to flash.
     Save,
-    /// Take the settings from flash.
+    /// Load the settings from flash.
     Load,
     /// Show the latched fault and all causes.
     Faults,
-    /// Forget the fault, if its cause is gone.
+    /// Clear the latched fault, if its cause is gone.
     Clear,
     /// Hold a constant force for calibration, percent of full scale.
     Calibrate(f64),
-    /// What the calibration found: the force at full command, N.
+    /// The force at full command, N, from a calibration.
     FullScale(f64),
-    /// Where hits start, m.
+    /// Start of hits, m.
     Start(f64),
     /// Time before a hit is judged, s.
     Settle(f64),
-    /// Time over which it is judged, s.
+    /// Time over which a hit is judged, s.
     Window(f64),
     /// Limit of a stable hit's RMS, m.
     RmsLimit(f64),
-    /// What counts as stable.
+    /// Criterion of a stable hit.
     Criterion(Criterion),
-    /// Limit of a quiet hit's RMS of the force, N; 0: a share of the push.
+    /// Limit of a quiet hit's RMS of the force, N. 0: a share of the push.
     ForceRmsLimit(f64),
     /// Grid of the walk.
     Grid(GridValue, f64),
-    /// The motor is mounted the other way round.
+    /// Whether the motor is mounted the other way round.
     MotorReversed(bool),
-    /// The encoder is mounted the other way round.
+    /// Whether the encoder is mounted the other way round.
     EncoderReversed(bool),
     /// Test the board, with the force off.
     SelfTest,
-    /// The host is there, and will send this again within this time, ms; 0: it promises nothing.
+    /// The host is present, and will send this command again within this time, ms. 0: no such promise.
     Alive(f64),
 }
 
@@ -115,7 +115,7 @@ pub enum GridValue {
 }
 
 impl GridValue {
-    /// As it is typed.
+    /// The name of its command.
     pub const fn text(self) -> &'static str {
         match self {
             Self::StiffnessStart => "kstart",
@@ -135,7 +135,7 @@ impl GridValue {
         }
     }
 
-    /// Its place in a plan.
+    /// Its field in the settings of a walk.
     pub const fn of(self, plan: &mut WalkSettings) -> &mut f64 {
         match self {
             Self::StiffnessStart => &mut plan.stiffness_start_n_per_m,
@@ -176,7 +176,7 @@ impl fmt::Display for ParseError {
 }
 
 impl ParseError {
-    /// Writes the error in those units.
+    /// Writes the error with numbers in the units of `spoken`.
     pub(super) fn say(&self, f: &mut fmt::Formatter<'_>, spoken: Spoken) -> fmt::Result {
         match self {
             Self::Unknown => f.write_str("unknown command: help lists them"),
@@ -196,7 +196,7 @@ impl ParseError {
     }
 }
 
-/// What follows the name of a command.
+/// Form of the words after a command's name.
 enum Form {
     Plain(Command),
     Number(fn(f64) -> Command),
@@ -294,9 +294,8 @@ pub fn usages() -> impl Iterator<Item = &'static str> {
     TABLE.iter().map(|(_, usage, _)| *usage)
 }
 
-/// Reads one line: a name and at most one word or number, with blanks around them, in upper or lower case.
-/// The input may be any bytes. The form of a number is checked here, its range where the settings are
-/// built.
+/// Reads one line: a name and at most one word or number, with blanks around them, in upper or lower case. The input
+/// may be any bytes. The form of a number is checked here. Its range is checked where the settings are built.
 ///
 /// # Errors
 /// Says what is allowed.
@@ -304,7 +303,7 @@ pub fn parse(line: &[u8]) -> Result<Command, ParseError> {
     parse_in(line, Spoken::AT_HANDLE)
 }
 
-/// The same with numbers in these units; a command's numbers are at the handle.
+/// As [`parse`], for numbers that are typed in the units of `spoken`. The command has them in units at the handle.
 ///
 /// # Errors
 /// Says what is allowed.

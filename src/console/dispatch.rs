@@ -1,4 +1,4 @@
-//! What each command does.
+//! The actions of the commands.
 
 use super::{
     Command, Port, Reply, Situation, allowed, is_off,
@@ -152,7 +152,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Settings from flash. Signs, full scale, design and period are changed only with the force off.
+    /// Loads the settings from flash. Signs, full scale, design and period are changed only with the force off.
     #[inline(never)] // two records and what reads them do not belong on the stack of every command
     fn load(&mut self, situation: &Situation) {
         let Loaded { stored, source, .. } = self.port.load(self.device.defaults());
@@ -172,12 +172,12 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Asks the supervisor, and replies with the name.
+    /// Sends a request to the supervisor. The reply is `name`.
     fn request(&mut self, request: Request, name: &'static str) {
         self.order(Order::Request(request), Awaited::Done(name));
     }
 
-    /// Changes the estimator's tuning, if it has one that `fits`.
+    /// Changes the estimator's tuning, if the parameter passes `fits`.
     fn tune(&mut self, value: f64, fits: fn(&Parameter) -> bool) {
         match self.stored.settings.velocity.tuning() {
             Some((parameter, _)) if parameter.is_whole() && libm::trunc(value) != value => {
@@ -193,7 +193,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Changes a setting that loop and experiments both use: name, value, unit.
+    /// Changes a setting that both loop and experiments use: name, value, unit.
     fn adapt(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
         match self.device.experiment(&stored) {
             Ok(_) => self.propose(stored, ChangedSetting::Value(name, value, unit)),
@@ -201,13 +201,13 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Keeps a setting that only the next experiment uses: name, value, unit.
+    /// Changes a setting that only the next experiment uses: name, value, unit.
     fn keep(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
         self.keep_as(stored, Reply::Value(name, value, unit));
     }
 
     fn keep_as(&mut self, stored: Stored, reply: Reply<'_>) {
-        // A flipped bit would become both copies.
+        // Otherwise a flipped bit would get into both copies.
         if !self.is_whole() {
             return self.lose();
         }
@@ -232,7 +232,7 @@ impl<P: Port> Console<P> {
         self.propose(stored, ChangedSetting::Value(name, value, unit));
     }
 
-    /// Builds settings and proposes them; they are kept once the output task has taken them.
+    /// Builds settings and proposes them. They are kept when the task `render` has accepted them.
     pub(super) fn propose(&mut self, stored: Stored, changed: ChangedSetting) {
         let device = self.device;
         if let Some(unfit) = device.unfit(&stored) {
@@ -253,7 +253,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Second step of a new output period: its plan is in force, so now its parameters are ordered.
+    /// Second step of a new output period. Its plan is in force, so now its parameters are ordered.
     #[inline(never)] // it is not needed below `answer`
     pub(super) fn propose_next(&mut self, stored: Stored, changed: ChangedSetting) {
         if let Ok(order) = self.device.order(&stored) {
@@ -261,8 +261,8 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// The force is on and the envelope is locked. With the force off a wall outside the envelope is accepted, and
-    /// `arm` refused.
+    /// Whether a wall outside the envelope is refused: the force is on and the envelope is locked. With the force off
+    /// such a wall is accepted, and `arm` is refused.
     fn is_locked(&self) -> bool {
         self.latest.is_some_and(|(now, _)| now.status.state.is_on() && !now.status.unlocked)
     }

@@ -33,7 +33,7 @@ impl<const N: usize> LineReader<N> {
         Self { bytes: [0; N], len: 0, too_long: false, done: false }
     }
 
-    /// Takes one byte; answers with the line that it ends.
+    /// Takes one byte. Returns the line that it ends, if it ends one.
     pub fn push(&mut self, byte: u8) -> Option<Line<'_>> {
         if self.done {
             *self = Self::new();
@@ -58,7 +58,7 @@ impl<const N: usize> LineReader<N> {
     }
 }
 
-/// Text of at most `N` bytes. What does not fit is cut off, and the text then ends in `~`.
+/// Text of at most `N` bytes. A longer text is cut off, and then ends in `~`.
 #[derive(Clone, Copy, Debug)]
 pub struct Text<const N: usize> {
     bytes: [u8; N],
@@ -80,7 +80,7 @@ impl<const N: usize> Text<N> {
     /// `value` as text, cut off after `N` bytes.
     pub fn of(value: impl fmt::Display) -> Self {
         let mut text = Self::new();
-        // Nothing that is cut off is an error here.
+        // Text that is cut off is no error here.
         let _ = fmt::write(&mut text, format_args!("{value}"));
         text
     }

@@ -1,4 +1,4 @@
-//! The lines of the experiments, one each, on both channels for people.
+//! Lines about experiments for people, one type each.
 
 use core::fmt;
 
@@ -16,11 +16,11 @@ use crate::{
     units::Force,
 };
 
-/// Commands that begin an experiment, as in the table of commands.
+/// Commands that begin an experiment, with the names of the table of commands.
 pub(super) const EXPERIMENTS: [&str; 4] = ["hit", "pulses", "walk", "calibrate"];
 
-/// Whether a line of the board answers a command. It sends all other lines by itself: `ok walk` answers `walk`, but
-/// `ok walk over, ..` and `error: walk: ..` report how the walk ended.
+/// Whether a line of the board answers a command. The board sends all other lines unasked. For example `ok walk`
+/// answers `walk`. The lines `ok walk over, ..` and `error: walk: ..` report how the walk ended.
 pub fn is_answer(line: &str) -> bool {
     let reports = |said: &str, then: &str| {
         let mut rests = EXPERIMENTS.iter().filter_map(|name| said.strip_prefix(name));
@@ -33,13 +33,13 @@ pub fn is_answer(line: &str) -> bool {
     refused.is_some_and(|why| !reports(why, ": ") && !why.starts_with("nobody was reading"))
 }
 
-/// One hit, and what it was judged to be.
+/// One hit and its verdict.
 #[derive(Clone, Copy)]
 pub struct JudgedHit {
     pub verdict: Verdict,
     /// Counts of the hit's window.
     pub counts: RunningVariance,
-    /// What wall and hand have exchanged.
+    /// Energy that wall and hand have exchanged.
     pub port: Exchanged,
     /// Force and wall in the window, with the criterion `quiet`.
     pub quiet: Option<QuietWindow>,
@@ -51,7 +51,7 @@ impl JudgedHit {
     }
 }
 
-/// A hit for a reply: verdict, and the values that it was judged by.
+/// A hit for a reply: its verdict, and the values behind the verdict.
 pub struct SaidHit {
     pub hit: JudgedHit,
     pub resolution_m: f64,
@@ -67,7 +67,7 @@ impl SaidHit {
         self.spoken.number(self.hit.counts.rms_counts() * self.resolution_m, "m")
     }
 
-    /// What a quiet wall is judged by beside the motion.
+    /// The further values behind the verdict of a quiet wall, beside the motion.
     fn quiet(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(quiet) = &self.hit.quiet else { return Ok(()) };
         write!(f, ", force rms {}", self.spoken.number(quiet.force_rms_n, "N"))?;
@@ -78,7 +78,7 @@ impl SaidHit {
     }
 }
 
-/// The line that ends a hit: its values, and the energy that wall and hand have exchanged; then full scale in N.
+/// The line that ends a hit: its values, the energy that wall and hand have exchanged, and full scale in N.
 pub struct HitOver(pub SaidHit, pub f64);
 
 impl fmt::Display for HitOver {
@@ -96,7 +96,7 @@ impl fmt::Display for HitOver {
     }
 }
 
-/// One push of a quiet hit: its place, newtons, the hit.
+/// One push of a quiet hit: number of the push, force in N, the hit.
 pub struct PushJudged(pub usize, pub f64, pub SaidHit);
 
 impl fmt::Display for PushJudged {
@@ -120,7 +120,7 @@ impl fmt::Display for Wall<'_> {
     }
 }
 
-/// One verdict of a walk: number of the hit, plan, cell, the hit.
+/// One verdict of a walk: number of the hit, grid, cell, the hit.
 pub struct CellJudged<'a>(pub u32, pub &'a WalkSettings, pub Cell, pub SaidHit);
 
 impl fmt::Display for CellJudged<'_> {
@@ -132,7 +132,7 @@ impl fmt::Display for CellJudged<'_> {
     }
 }
 
-/// One point of the boundary: number, plan, cell, units.
+/// One point of the boundary: number, grid, cell, units.
 pub struct BoundaryPoint<'a>(pub u32, pub &'a WalkSettings, pub Cell, pub Spoken);
 
 impl fmt::Display for BoundaryPoint<'_> {
@@ -142,7 +142,7 @@ impl fmt::Display for BoundaryPoint<'_> {
     }
 }
 
-/// The line that ends a walk: what it came to, why it ended, units.
+/// The line that ends a walk: its totals, why it ended, units.
 pub struct WalkOver(pub WalkTotals, pub Result<Ended, &'static str>, pub Spoken);
 
 impl fmt::Display for WalkOver {
@@ -168,7 +168,7 @@ impl fmt::Display for WalkOver {
     }
 }
 
-/// The force of an output: part of full scale, code, and newtons as far as they are known.
+/// The force of an output: part of full scale, code, and N if full scale is known.
 struct Output(Record, f64, Spoken);
 
 impl fmt::Display for Output {
@@ -181,7 +181,7 @@ impl fmt::Display for Output {
     }
 }
 
-/// The force of a calibration is complete: the output, full scale as it is set, units.
+/// The force of a calibration is complete: the output, full scale in the settings, units.
 pub struct CalibrationHolds(pub Record, pub f64, pub Spoken);
 
 impl fmt::Display for CalibrationHolds {
@@ -190,7 +190,7 @@ impl fmt::Display for CalibrationHolds {
     }
 }
 
-/// A calibration is over: why, the last output, full scale as it is set, units.
+/// A calibration is over: why, the last output, full scale in the settings, units.
 pub struct CalibrationOver(pub CalibrationEnd, pub Record, pub f64, pub Spoken);
 
 impl fmt::Display for CalibrationOver {

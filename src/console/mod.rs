@@ -1,13 +1,13 @@
-//! The text side of the board: one command a line, one reply a line.
+//! The text commands of the board: one command a line, one reply a line.
 //!
 //! ```text
 //! bytes -> LineReader -> parse -> Command -> allowed -> dispatch -> Order -> (the output task acts) -> Report
 //!                                                           └─────────────── Reply -> Text <────────────┘
 //! ```
 //!
-//! [`Console`] contains all of this; a [`Port`] is what it needs of a board.
+//! [`Console`] contains all of this. [`Port`] is its interface to the board.
 //!
-//! It runs at low priority, whenever bytes have come. Any bytes may come: garbage is refused with a reply, and never
+//! It runs at low priority, whenever bytes have come. The bytes may be any: garbage is refused with a reply, and never
 //! stops the board.
 
 mod command;
@@ -39,8 +39,8 @@ pub use spoken::Spoken;
 #[cfg(test)]
 mod tests;
 
-/// Longest line, bytes; the longest command has 31.
+/// Longest line, bytes. The longest command has 31.
 pub const LINE_MAX: usize = 64;
 
-/// Longest reply, bytes; `help` is the longest.
+/// Longest reply, bytes: `help`.
 pub const REPLY_MAX: usize = 768;

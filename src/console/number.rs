@@ -2,7 +2,7 @@
 
 use core::fmt::{self, Write as _};
 
-/// Most significant digits that are read: any number of 15 digits is below 2^53.
+/// Most significant digits that are read. Any number of 15 digits is below 2^53.
 const DIGITS: u32 = 15;
 
 /// Powers of ten that are exact in `f64`.
@@ -11,9 +11,8 @@ const POWERS: [f64; 23] = [
     1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
 ];
 
-/// Reads `2000`, `-0.07`, `1.5e3`: up to 15 significant digits. The number is an integer times a power of ten; the
-/// exponent must be within +-22. The result is the nearest `f64`, because `f64` has both exactly and one operation
-/// rounds once.
+/// Reads `2000`, `-0.07`, `1.5e3`: up to 15 significant digits. The number is an integer times a power of ten, with an
+/// exponent within +-22. `f64` holds both exactly, and one operation rounds once. So the result is the nearest `f64`.
 pub(super) fn parse(text: &[u8]) -> Option<f64> {
     let (negative, text) = match text {
         [b'-', rest @ ..] => (true, rest),
@@ -53,7 +52,7 @@ pub(super) fn parse(text: &[u8]) -> Option<f64> {
     Some(if negative { -value } else { value })
 }
 
-/// The `f64` nearest to `digits * 10^exponent`, `digits` below 10^15; `None` beyond [`POWERS`].
+/// The `f64` nearest to `digits * 10^exponent`, for `digits` below 10^15. `None` beyond [`POWERS`].
 fn decimal(digits: u64, exponent: i32) -> Option<f64> {
     #[expect(clippy::cast_precision_loss, reason = "below 10^15, so exact")]
     let value = digits as f64;
@@ -61,7 +60,7 @@ fn decimal(digits: u64, exponent: i32) -> Option<f64> {
     Some(if exponent < 0 { value / power } else { value * power })
 }
 
-/// `value` rounded to the digits that are read, as the simulator converts a scene; beyond [`POWERS`] unchanged.
+/// `value` rounded to 15 digits, as the simulator rounds a scene's values. Beyond [`POWERS`] unchanged.
 pub(super) fn rounded(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
@@ -101,7 +100,7 @@ impl fmt::Display for Decimal {
     }
 }
 
-/// An end of an allowed range, for a reply: as [`Decimal`], but rounded inwards, so that the board accepts it when
+/// An end of an allowed range, for a reply. It is rounded inwards to 12 digits, so that the board accepts it when it is
 /// typed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
@@ -120,7 +119,7 @@ impl fmt::Display for Limit {
     }
 }
 
-/// Rounds the shown number: never below the value if `inwards` is 1, never above it if it is -1.
+/// Writes 12 digits. The shown number is never below `value` if `inwards` is 1, and never above it if `inwards` is -1.
 fn write_decimal(f: &mut fmt::Formatter<'_>, value: f64, inwards: i8) -> fmt::Result {
     if value.is_nan() {
         return f.write_str("nan");
@@ -147,14 +146,14 @@ fn write_decimal(f: &mut fmt::Formatter<'_>, value: f64, inwards: i8) -> fmt::Re
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1e11 to 1e12")]
     let mut digits = libm::round(scaled) as u64;
-    // of the magnitude, which rises where a number below zero falls
+    // of the magnitude: it rises where a negative number falls
     let up = (inwards > 0) == (value > 0.0);
     if inwards != 0 {
         match decimal(digits, exponent) {
             Some(shown) if up && shown < value.abs() => digits += 1,
             Some(shown) if !up && shown > value.abs() => digits -= 1,
             Some(_) => {}
-            // beyond the exact powers of ten `scaled` itself has been rounded; it has one digit more than needed
+            // beyond the exact powers of ten `scaled` itself is rounded; 12 digits are one more than needed
             None if up => digits += 1,
             None => digits -= 1,
         }

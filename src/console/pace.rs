@@ -1,12 +1,12 @@
-//! How much of the time the host may take. What it sends beyond that waits in its channel; nothing is refused for it.
+//! The share of the time that the host may use. Further bytes wait in the channel; none is refused.
 
-/// Lines and answers take at most 4 / `PARTS` of the time; telemetry at output period 1 takes half as much again.
+/// Lines and answers use at most 4 / `PARTS` of the time. Telemetry at output period 1 uses half as much again.
 const PARTS: u16 = 21;
-/// Longest wait of a line for those before it, ticks, so that the board still listens if `rest` is damaged.
+/// Longest wait of a line for the lines before it, ticks. So the board still listens if `rest` is damaged.
 const LONGEST: u16 = 1200;
 
-/// The clock of [`HaltWatch`](crate::safety::HaltWatch) when the last pass began, and for how many ticks after that the
-/// board takes no byte.
+/// `begun`: the clock of [`HaltWatch`](crate::safety::HaltWatch) when the last pass began. `rest`: ticks after that in
+/// which the board takes no byte.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pace {
     begun: u16,
@@ -14,17 +14,17 @@ pub struct Pace {
 }
 
 impl Pace {
-    /// A pass begins; whether it may take bytes.
+    /// Begins a pass. Returns whether the pass may take bytes.
     pub fn begin(&mut self, clock: u16) -> bool {
         let passed = clock.wrapping_sub(self.begun);
         self.begun = clock;
-        // At least one, so that the board still listens when the clock stands (a fault has then switched the force
-        // off).
+        // At least one tick, so that the board still listens when the clock stands still. Then a fault has already
+        // switched the force off.
         self.rest = self.rest.min(LONGEST).saturating_sub(passed.max(1));
         self.rest == 0
     }
 
-    /// It is over, and has taken bytes or answered.
+    /// Ends a pass that has taken bytes or answered.
     pub fn end(&mut self, clock: u16) {
         let spent = clock.wrapping_sub(self.begun).max(1);
         self.rest = self.rest.saturating_add(spent.saturating_mul(PARTS) / 4);
@@ -35,7 +35,7 @@ impl Pace {
 mod tests {
     use super::*;
 
-    /// Ticks from one line to the next, with a pass each `each` ticks, in which a line takes `line` ticks.
+    /// Ticks from one line to the next. A pass comes each `each` ticks; a line takes `line` ticks.
     fn between(each: u16, line: u16) -> u16 {
         let (mut pace, mut clock) = (Pace::default(), u16::MAX - 100);
         let mut at = [0; 2];

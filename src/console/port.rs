@@ -1,4 +1,4 @@
-//! What the console needs of the board it runs on.
+//! The console's interface to the board.
 
 use crate::{
     LoopParameters,
@@ -9,7 +9,7 @@ use crate::{
     units::Position,
 };
 
-/// Bytes in; lines, frames and orders out; settings in flash. Nothing here waits, except for flash.
+/// Bytes in; lines, frames and orders out; settings in flash. Only flash makes the console wait.
 pub trait Port {
     /// The commit that the program was built from, see [`Reply::Version`](super::Reply::Version).
     const COMMIT: &'static str;
@@ -17,20 +17,21 @@ pub trait Port {
     /// The next byte that was typed, if there is one.
     fn read(&mut self) -> Option<u8>;
 
-    /// Writes one line, with its end; returns whether somebody has taken it whole.
+    /// Writes one line with its end. Returns whether a channel took all of it.
     fn write_line(&mut self, line: &str) -> bool;
 
-    /// Puts out a frame of telemetry, or drops it; says which.
+    /// Sends or drops a frame of telemetry. Returns whether it was sent.
     fn write_frame(&mut self, frame: &[u8]) -> bool;
 
-    /// The positions of the samples up to `newest`, which is over, oldest first; and the sampler as that sample or a
-    /// later one has left it. None if the positions are no longer known.
+    /// The positions of the samples up to `newest`, oldest first, and the sampler after `newest` or a later sample.
+    /// `newest` must be complete. `None` if the positions are no longer stored.
     fn samples(&mut self, newest: u64, places: &mut [Position]) -> Option<GuardedSampler>;
 
-    /// Passes an order to the output task. There is room, because only one is under way; returns whether there was.
+    /// Passes an order to the task `render`. Returns whether there was room. There always is, because only one order is
+    /// under way.
     fn order(&mut self, order: Order) -> bool;
 
-    /// Whether the loop runs with these parameters, as the last answered order asked.
+    /// Whether the loop runs with these parameters, which the last answered order asked for.
     fn is_in_force(&mut self, asked: &LoopParameters) -> bool;
 
     /// The newest settings in flash, or `defaults`.
@@ -39,6 +40,6 @@ pub trait Port {
     /// Tests a part of the board, with the force off.
     fn test(&mut self, part: Part) -> Found;
 
-    /// Writes settings to flash, which stalls the processor; returns whether they are there now.
+    /// Writes settings to flash, which stalls the processor. Returns whether flash holds them now.
     fn save(&mut self, stored: &Stored) -> bool;
 }

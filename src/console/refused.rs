@@ -1,4 +1,4 @@
-//! The console of a board on which nothing runs: its image is not what was built, or its device record is refused.
+//! The console of a board on which no task runs, because its image or its device record is refused.
 
 use core::fmt;
 
@@ -12,9 +12,9 @@ use crate::{
 /// Why nothing runs.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Unusable {
-    /// The program.
+    /// The image differs from the build.
     Image(BadImage),
-    /// The device record.
+    /// The device record is refused.
     Record(BadRecord),
 }
 
@@ -39,7 +39,7 @@ impl fmt::Display for Unusable {
     }
 }
 
-/// What such a board replies.
+/// The console of such a board.
 pub struct Refused<'a> {
     board: &'a str,
     commit: &'a str,
@@ -56,17 +56,18 @@ pub struct RefusedLine<'a> {
 }
 
 impl<'a> Refused<'a> {
-    /// Console of this board and this commit's program, on which nothing runs for the reason `why`.
+    /// The console of a board on which nothing runs, for the reason `why`. `board` is its name, `commit` the program's
+    /// commit.
     pub fn new(board: &'a str, commit: &'a str, why: &'a Unusable) -> Self {
         Self { board, commit, why, reader: LineReader::new() }
     }
 
-    /// Line that says why nothing runs.
+    /// The line that says why nothing runs.
     pub fn reason(&self) -> RefusedLine<'a> {
         self.line(None)
     }
 
-    /// Takes a byte that was typed; the reply if it ends a line.
+    /// Takes a typed byte. Returns the reply if the byte ends a line.
     pub fn push(&mut self, byte: u8) -> Option<RefusedLine<'a>> {
         let command = match self.reader.push(byte)? {
             Line::Text(text) => parse(text).ok(),

@@ -20,26 +20,26 @@ use crate::{
     velocity::{EstimatorName, Parameter},
 };
 
-/// What the board answers. Write it with [`Text::of`](super::Text::of); the line end is not in it.
+/// A reply of the board. Write it with [`Text::of`](super::Text::of). It has no line end.
 #[derive(Clone, Copy, Debug)]
 pub enum Reply<'a> {
     /// All commands with their usage.
     Help,
-    /// What runs: the version and commit that it was built from, the device, the versions of its layouts.
+    /// Version: commit of the program, and the device. The reply also has the versions of the layouts.
     Version(&'a str, &'a Device<'a>),
     /// Done: the name of the command.
     Done(&'static str),
-    /// Done, and this is now in force: name, value, unit.
+    /// Done; this value is now in force: name, value, unit.
     Value(&'static str, f64, &'static str),
-    /// Done, and this is now in force: name, word.
+    /// Done; this word is now in force: name, word.
     Word(&'static str, &'a str),
     /// State of supervisor and experiment, with the newest output.
     Status(&'a Situation, &'a Record),
-    /// The settings in force, of a device with those designs.
+    /// The settings in force, and the device's designs.
     Settings(&'a Stored, &'a Designs<'a>),
     /// The designs of a device.
     Designs(&'a Designs<'a>),
-    /// There is no such design; the device has these.
+    /// There is no such design. The device has these.
     UnknownDesign(&'a Designs<'a>),
     /// Settings were loaded, from this source.
     Loaded(Source),
@@ -47,15 +47,15 @@ pub enum Reply<'a> {
     Faults(&'a Situation),
     /// The line is no command.
     Parse(ParseError),
-    /// Not now, for this reason.
+    /// The command is not allowed now, for this reason.
     Refused(Refusal),
-    /// This value is out of range: the parameter and its range.
+    /// A value is out of range: the parameter and its range.
     Range(&'a SettingsError),
-    /// Not these settings: the board cannot run them.
+    /// The board cannot run these settings.
     Unfit(Unfit),
-    /// The device's envelope for this key does not allow this wall.
+    /// This wall is outside the device's envelope for this key.
     Outside(Outside, &'a Device<'a>, Key),
-    /// The hardware failed while it did this.
+    /// The hardware failed at this.
     Failed(&'a str),
 }
 
@@ -147,7 +147,7 @@ impl Reply<'_> {
     }
 }
 
-/// Start of both `version` replies: the package's version and this commit.
+/// Start of both `version` replies: the package's version, and this commit.
 pub(super) struct Built<'a>(pub &'a str);
 
 impl fmt::Display for Built<'_> {
@@ -164,7 +164,7 @@ fn names(f: &mut fmt::Formatter<'_>, designs: &Designs<'_>) -> fmt::Result {
     designs.iter().try_for_each(|(_, NamedFilter { name, .. })| write!(f, " {}", name.text()))
 }
 
-/// What a table holds beside a key: estimators with their cutoffs, and designs.
+/// Estimators with their cutoffs, and designs, of the tables beside a key in the envelope.
 fn known(f: &mut fmt::Formatter<'_>, device: &Device<'_>, key: &Key) -> fmt::Result {
     let mut last = None;
     for key in device.envelope.beside(key) {

@@ -1,22 +1,22 @@
-//! The console's lines for people.
+//! The channel of the console's lines for people.
 //!
-//! If nobody reads, the last line is kept until somebody does. Until then only commands that end something are obeyed,
-//! so that nothing changes without an acknowledgement.
+//! If nobody reads, the last line waits until somebody does. Until then only `stop` and `disarm` are obeyed. So nothing
+//! changes without an acknowledgement.
 
 use core::fmt::{self, Write as _};
 
 use super::{Port, REPLY_MAX, Text};
 
-/// Passes between two tries, because a line on the log delays the output task a little.
+/// Passes between two tries. There are few tries, because a line on the log delays the task `render` a little.
 const PASSES: u8 = 32;
 
-/// The last line, and whether it is out.
+/// The last line, and whether it was sent.
 #[derive(Clone)]
 pub struct ReplyChannel {
     line: Text<{ REPLY_MAX + 1 }>,
-    /// Nobody has taken it yet.
+    /// The line was not taken yet.
     kept: bool,
-    /// Counts since this line: lines that were lost, and commands that were not obeyed.
+    /// Counts since this line: lost lines, and ignored commands.
     lost: u32,
     ignored: u32,
     /// Passes since the last try to send it.
@@ -28,7 +28,7 @@ impl ReplyChannel {
         Self { line: Text::new(), kept: false, lost: 0, ignored: 0, passes: 0 }
     }
 
-    /// Sends a line; it is lost while another one waits.
+    /// Sends a line. The line is lost while another one waits.
     pub fn say(&mut self, port: &mut impl Port, line: &dyn fmt::Display) {
         if self.is_mute(port) {
             self.lost = self.lost.saturating_add(1);
@@ -37,7 +37,7 @@ impl ReplyChannel {
         }
     }
 
-    /// Whether a line still waits for room. Tries to send it again now and then.
+    /// Whether a line still waits for room. Each 32nd call tries to send it again.
     pub fn is_mute(&mut self, port: &mut impl Port) -> bool {
         if self.kept {
             self.passes = self.passes.wrapping_add(1);
@@ -48,7 +48,7 @@ impl ReplyChannel {
         self.kept
     }
 
-    /// A command came that is not obeyed, because nobody would read the acknowledgement.
+    /// Counts a command that is ignored, because nobody would read the acknowledgement.
     pub fn ignore(&mut self) {
         self.ignored = self.ignored.saturating_add(1);
     }
@@ -69,7 +69,7 @@ impl ReplyChannel {
 
     fn tell(&mut self, port: &mut impl Port, line: &dyn fmt::Display) {
         self.line = Text::new();
-        // A line that is too long is cut. No reply is: see the tests.
+        // A line that is too long is cut. No reply is too long: see the tests.
         let _ = writeln!(self.line, "{line}");
         self.send(port);
     }

@@ -1,4 +1,4 @@
-//! Which commands are allowed when: one table.
+//! The table of conditions under which each command is allowed.
 
 use super::Command;
 use crate::{
@@ -15,38 +15,35 @@ pub struct Situation {
     pub activity: Activity,
 }
 
-/// What a command needs.
+/// A condition for a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Need {
-    /// The force is off: neither armed nor on the way there.
+    /// The force is off: neither armed nor arming.
     Off,
     /// The supervisor allows `arm`.
     MayArm,
     /// The full force acts.
     Armed,
-    /// Neither sign test nor ramp is going on.
+    /// Neither sign test nor ramp is running.
     NotArming,
-    /// Out of the wall, or force off: with the force off a wall does nothing.
+    /// The handle is out of the wall, or the force is off. With the force off a wall does nothing.
     NoContact,
-    /// No experiment is going on.
+    /// No experiment is running.
     Idle,
-    /// No experiment except a calibration, which goes on with another force.
+    /// No experiment is running except a calibration, which continues with another force.
     IdleOrCalibration,
-    /// No walk, pulse train or quiet hit, because these use K, B and push.
+    /// No walk, pulse train or quiet hit is running, because these use K, B and push.
     NoWalk,
-    /// No fault is latched.
     NoFault,
-    /// A fault is latched.
     Fault,
     /// All causes of the fault are gone.
     CauseGone,
     /// The supply is high enough.
     Supply,
-    /// The envelope is unlocked.
     Unlocked,
 }
 
-/// What each command needs, in the order in which it is asked for.
+/// Conditions of each command, in the order of their checks.
 const fn needs(command: &Command) -> &'static [Need] {
     use Need as N;
     match command {
@@ -73,8 +70,8 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::RmsLimit(_)
         | Command::Criterion(_)
         | Command::ForceRmsLimit(_) => &[N::Idle],
-        // With a wrong sign every wall pulls; another full scale changes every force; after another period, counts of
-        // outputs start again; another design makes another device for the hand.
+        // With a wrong sign every wall pulls. Another full scale changes every force. After another period, counts of
+        // outputs start again. Another design makes another device for the hand.
         Command::MotorReversed(_)
         | Command::EncoderReversed(_)
         | Command::FullScale(_)
@@ -96,7 +93,7 @@ const fn needs(command: &Command) -> &'static [Need] {
 }
 
 impl Need {
-    /// The refusal if the need is not met.
+    /// The refusal if the condition is not fulfilled.
     fn refusal(self, now: &Situation) -> Option<Refusal> {
         let status = &now.status;
         let (state, inputs) = (status.state, status.inputs);
@@ -135,13 +132,13 @@ impl Need {
     }
 }
 
-/// Whether `command` is met now. Ranges and the envelope are checked where the settings are built.
+/// Whether `command` is allowed now. Ranges and the envelope are checked where the settings are built.
 ///
-/// The supervisor checks again what is dangerous, with its own, newer state. It may refuse what is allowed
+/// The supervisor checks dangerous commands again, with its own, newer state. It may refuse a command that is allowed
 /// here.
 ///
 /// # Errors
-/// The first thing that is in the way.
+/// The first condition that is not fulfilled.
 pub fn allowed(command: &Command, now: &Situation) -> Result<(), Refusal> {
     match needs(command).iter().find_map(|need| need.refusal(now)) {
         None => Ok(()),
@@ -149,8 +146,8 @@ pub fn allowed(command: &Command, now: &Situation) -> Result<(), Refusal> {
     }
 }
 
-/// Whether [`Command::Load`] may now change what needs the force off: the directions of motor or encoder, the full
-/// scale, the design, the output period.
+/// Whether [`Command::Load`] may now change the settings that need the force off: direction of motor and encoder, full
+/// scale, design, output period.
 ///
 /// # Errors
 /// The force is on.
@@ -224,7 +221,7 @@ mod tests {
         let mut all = Vec::new();
         for state in states {
             for activity in activities {
-                // Under Miri a part of them, with every fact in both its values.
+                // Under Miri only a part of them, with every fact in both its values.
                 for facts in (0..128u32).step_by(if cfg!(miri) { 23 } else { 1 }) {
                     let fact = |n: u32| facts >> n & 1 == 1;
                     let fault =
@@ -255,7 +252,7 @@ mod tests {
         all
     }
 
-    /// For every situation, whether `command` is met exactly when `expected` says so.
+    /// Checks for every situation that `command` is allowed exactly when `expected` says so.
     fn met(command: Command, expected: impl Fn(&Situation) -> bool) {
         for now in situations() {
             assert_eq!(allowed(&command, &now).is_ok(), expected(&now), "{command:?} {now:?}");
@@ -270,7 +267,7 @@ mod tests {
         now.status.contact && now.status.state.is_on()
     }
 
-    /// A host knows the reports of an experiment by the name of its command.
+    /// A host recognises the reports of an experiment by the name of its command.
     #[test]
     fn what_needs_the_full_force_is_an_experiment() {
         let needs_force = |name: &&str| {

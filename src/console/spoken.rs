@@ -1,7 +1,7 @@
-//! The console's units: m and N at the handle, or rad and N m about the axis of a rotary device.
+//! The console's units: m and N at the handle. For a rotary device: rad and N m about its axis.
 //!
-//! Inside, everything is in m and N. A number is converted only where it is typed and where it is printed. An
-//! estimator's own parameters are not converted: they are in m and N in every scene.
+//! All internal values are in m and N. A number is converted only where it is typed and where it is printed. An
+//! estimator's own parameters are not converted, because they are in m and N in every scene.
 
 use core::fmt;
 
@@ -15,7 +15,7 @@ pub struct Spoken {
     radius_m: f64,
 }
 
-/// A quantity, linear and rotary: its word in a usage, its unit, and the suffix of its parameters' names.
+/// A quantity of linear and rotary devices: its word in a usage, its unit, and the suffix of its parameters' names.
 struct Kind {
     typed: [&'static str; 2],
     unit: [&'static str; 2],
@@ -24,7 +24,7 @@ struct Kind {
     power: i8,
 }
 
-/// If a suffix ends in another one, it stands before that one.
+/// Order: if one suffix is the end of another, the longer one stands first.
 const KINDS: [Kind; 5] = [
     Kind {
         typed: ["N_S_PER_M", "N_M_S_PER_RAD"],
@@ -54,7 +54,8 @@ const KINDS: [Kind; 5] = [
 ];
 
 impl Kind {
-    /// The command's name before this kind of number. Without the search functions of `str`, which can panic.
+    /// The command's name in a usage that ends in this kind of number. Does not use the search functions of `str`,
+    /// which can panic.
     fn name(&self, usage: &'static str) -> Option<&'static str> {
         usage.strip_suffix(self.typed[0])?.strip_suffix(" ")
     }
@@ -88,13 +89,12 @@ impl Spoken {
         KINDS.iter().find(|kind| self.is_rotary() && is(kind))
     }
 
-    /// Converts a typed number to the handle; its quantity is the last word of `usage`.
+    /// Converts a typed number to the handle. The last word of `usage` is its quantity.
     pub(super) fn at_handle(self, usage: &'static str, typed: f64) -> f64 {
         let kind = self.kind(|kind| kind.name(usage).is_some());
         kind.map_or(typed, |kind| number::rounded(typed / self.factor(kind)))
     }
 
-    /// A usage, written in these units.
     pub(super) fn usage(self, usage: &'static str) -> Usage {
         let kind = self.kind(|kind| kind.name(usage).is_some());
         match kind.and_then(|kind| Some((kind.name(usage)?, kind))) {
@@ -103,7 +103,7 @@ impl Spoken {
         }
     }
 
-    /// A number of that unit at the handle.
+    /// A number that is in `unit` at the handle.
     pub(super) fn number(self, value: f64, unit: &'static str) -> Said {
         match self.kind(|kind| kind.unit[0] == unit) {
             Some(kind) => Said(value * self.factor(kind), kind.unit[1]),
@@ -111,12 +111,12 @@ impl Spoken {
         }
     }
 
-    /// The number without its unit.
+    /// As [`number`](Self::number), without the unit.
     pub(super) fn bare(self, value: f64, unit: &'static str) -> Decimal {
         Decimal(self.number(value, unit).0)
     }
 
-    /// Both ends of what is allowed of that unit at the handle, never outside of it.
+    /// Both ends of an allowed range in `unit` at the handle, rounded inwards.
     pub(super) fn limits(self, [low, high]: [f64; 2], unit: &'static str) -> [Limit; 2] {
         let kind = self.kind(|kind| kind.unit[0] == unit);
         self.inwards([low, high], kind)
@@ -127,13 +127,12 @@ impl Spoken {
         [Limit::Low(low * factor), Limit::High(high * factor)]
     }
 
-    /// What is wrong with a number.
+    /// An error text for a number that is not allowed.
     pub(super) fn refusal(self, error: &SettingsError) -> OutOfRange<'_> {
         OutOfRange(error, self)
     }
 }
 
-/// How a command is typed.
 pub(super) struct Usage(&'static str, Option<&'static str>);
 
 impl fmt::Display for Usage {
@@ -143,7 +142,6 @@ impl fmt::Display for Usage {
     }
 }
 
-/// A number and its unit.
 pub(super) struct Said(f64, &'static str);
 
 impl fmt::Display for Said {
@@ -152,7 +150,7 @@ impl fmt::Display for Said {
     }
 }
 
-/// A number that is not allowed, as people read it.
+/// A number that is not allowed, in the units of the console.
 pub(super) struct OutOfRange<'a>(&'a SettingsError, Spoken);
 
 impl fmt::Display for OutOfRange<'_> {

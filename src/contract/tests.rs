@@ -5,7 +5,7 @@ use embedded_hal::digital::{Error, ErrorKind, ErrorType, InputPin};
 use super::*;
 
 std::thread_local! {
-    /// What was done to the board, in order.
+    /// Calls of the board, in order.
     static DONE: RefCell<Vec<&'static str>> = const { RefCell::new(Vec::new()) };
 }
 
@@ -71,7 +71,7 @@ impl Encoder for Quadrature {
     fn turn(_: bool) {}
 }
 
-/// A level, or none if it cannot be read.
+/// A level, or `None` if the pin cannot be read.
 struct Pin(Option<bool>);
 
 #[derive(Debug)]
@@ -124,10 +124,10 @@ fn only_a_low_pin_is_no_stop() {
     }
 }
 
-/// Reads of a board until an event, and the event: hardware drops enable with each.
+/// Number of reads of a board before an event, and the event. Hardware switches enable off with each event.
 #[derive(Clone, Copy, Debug)]
 enum Event {
-    /// The stop opens, and closes again after so many reads.
+    /// The stop opens, and closes again after this number of reads.
     Stop(u32),
     Supply,
     /// A debugger halts the core, which may set the flag of the stop.
@@ -138,7 +138,7 @@ std::thread_local! {
     static BOARD: RefCell<(u32, u32, Option<Event>)> = const { RefCell::new((0, 0, None)) };
 }
 
-/// The event, if it has happened by this read; and the reads since.
+/// The event, if it has happened by this read, and the number of reads since.
 fn come() -> Option<(Event, u32)> {
     BOARD.with_borrow_mut(|(reads, at, event)| {
         *reads += 1;
@@ -192,7 +192,7 @@ impl DebugHalts for Events {
     }
 }
 
-/// Before, between and after any of the reads: the output that first sees an event gives it the right name.
+/// An event happens before, between or after any of the reads. The output that first sees it must name it right.
 #[test]
 fn whatever_happens_between_two_reads_is_named_after_its_cause() {
     use crate::safety::{FaultSet, Inputs};

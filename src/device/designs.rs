@@ -1,9 +1,9 @@
-//! The designs of a device: velocity filters with a name, each with rows of its own in the envelope.
+//! The designs of a device: named velocity filters. Each has its own rows in the envelope.
 //!
-//! Words in the device record, for each: name (16 bytes of text, then zeros), number of the estimator, eight parameters
-//! as IEEE 754 doubles, low word first. A design's number is its place from 1. A design is skipped if this build lacks
-//! its estimator. Settings are a design if estimator and every parameter are equal, to the last bit. So saved settings
-//! need no further field for their design.
+//! Each design has these words in the device record: name (text, then zeros, 16 bytes), number of the estimator, eight
+//! parameters. A parameter is an IEEE 754 double, low word first. Designs are numbered from 1, in their order. A
+//! design is skipped if this build lacks its estimator. Settings are a design if estimator and every parameter are
+//! equal, to the last bit. So saved settings need no further field for their design.
 
 use crate::{
     VelocitySettings,
@@ -13,7 +13,6 @@ use crate::{
 
 /// Most designs of a device: telemetry has five bits for their number.
 pub const DESIGNS_MAX: usize = 16;
-/// Words of a design.
 const WORDS: usize = Name::WORDS + 1 + 2 * PARAMETERS;
 
 /// A velocity filter with a name.
@@ -28,11 +27,11 @@ pub struct NamedFilter {
 /// All designs of a device, as words of its record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Designs<'a> {
-    /// Words that have been checked.
+    /// Checked words of the record.
     words: &'a [[u32; WORDS]],
 }
 
-/// Whether a person can type it.
+/// Whether a person can type this name.
 pub fn is_design_name(name: &str) -> bool {
     let allowed = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-');
     !name.is_empty() && name.len() <= Name::LEN && name.bytes().all(allowed)
@@ -61,8 +60,8 @@ impl<'a> Designs<'a> {
     /// No designs at all.
     pub const NONE: Self = Self { words: &[] };
 
-    /// The first `count` designs in these words, and the words behind them; none if they are not whole, or a name is
-    /// not allowed or occurs twice.
+    /// The first `count` designs in `words`, and the words behind them. `None` if the designs are not complete, or if a
+    /// name is not allowed or occurs twice.
     pub(crate) fn split(count: usize, words: &'a [u32]) -> Option<(Self, &'a [u32])> {
         if count > DESIGNS_MAX {
             return None;
@@ -80,7 +79,7 @@ impl<'a> Designs<'a> {
         Some((Self { words }, rest))
     }
 
-    /// Writes them to the front of `words`; how many words, or none if there is no room.
+    /// Writes the designs to the front of `words`. Returns the number of words, or `None` without room.
     pub(crate) fn put(designs: &[NamedFilter], words: &mut [u32]) -> Option<usize> {
         let places = words.as_chunks_mut::<WORDS>().0.get_mut(..designs.len())?;
         for (place, NamedFilter { name, velocity }) in places.iter_mut().zip(designs) {
@@ -92,22 +91,22 @@ impl<'a> Designs<'a> {
         Some(designs.len() * WORDS)
     }
 
-    /// How many there are, with any estimator.
+    /// Number of designs, also with estimators that this build lacks.
     pub const fn count(&self) -> usize {
         self.words.len()
     }
 
-    /// Those that this build can run, with their numbers.
+    /// Designs that this build can run, with their numbers.
     pub fn iter(&self) -> impl Iterator<Item = (u8, NamedFilter)> + use<'a> {
         (1..).zip(self.words).filter_map(|(number, words)| Some((number, read(words)?)))
     }
 
-    /// Number of the design that equals these settings; 0: none does.
+    /// Number of the design that equals these settings; 0: no design does.
     pub fn number_of(&self, velocity: &VelocitySettings) -> u8 {
         self.iter().find(|(_, design)| design.velocity == *velocity).map_or(0, |(number, _)| number)
     }
 
-    /// Name of the design with that number, `none` without.
+    /// Name of the design with this number; `none` if there is no such design.
     pub fn name_of(&self, number: u8) -> Name {
         let found = self.iter().find(|(known, _)| *known == number);
         found.map_or(const { Name::of("none") }, |(_, design)| design.name)

@@ -1,31 +1,38 @@
-//! The device record, which makes an image the firmware of one device. `cargo sim prepare` writes it; the board keeps
+//! The device record, which makes an image the firmware of one device. `cargo sim prepare` writes it. The board stores
 //! it in its own flash sector.
 //!
-//! Words of 32 bits, least significant byte first; a number is an IEEE 754 double, low word first.
+//! The record consists of 32-bit words, least significant byte first. A number is an IEEE 754 double, low word first.
 //!
 //! | words | field |
 //! |---|---|
 //! | 0 | "ZWD" and the version of the layout, 4 |
-//! | 1 | length of the record in words, the last one included |
+//! | 1 | length of the record in words, with the last one |
 //! | 2 | hash of the scene |
 //! | 3 to 6 | board: up to 16 bytes of text, then zeros |
-//! | 7 to 10 | device, that is the scene: the same |
-//! | 11 | flags: 1 push only, 2 motor reversed, 4 encoder reversed, 8 criterion `quiet`; bits 8 to 15: how many designs |
+//! | 7 to 10 | device, which is the scene: the same format |
+//! | 11 | flags: 1 push only, 2 motor reversed, 4 encoder reversed, 8 criterion `quiet`; bits 8 to 15: number of designs |
 //! | 12 | samples per output |
-//! | 13, 14 | output: 0 continuous, 1 DAC of so many bits, 2 PWM of so many steps |
-//! | 15 | counts that the sign test has to see |
+//! | 13, 14 | output: 0 continuous; 1 DAC, number of bits; 2 PWM, number of steps |
+//! | 15 | counts that the sign test must see |
 //! | 16 | number of the estimator |
 //! | 17 to 110 | numbers, see below |
 //! | 111 .. | the [designs](super::designs), then the [envelope](crate::safety::envelope) |
-//! | last | CRC-32/ISO-HDLC over all words before it: the record's hash |
+//! | last | the record's hash: CRC-32/ISO-HDLC over all words before it |
 //!
-//! The numbers: sample rate Hz, resolution m, force at full command N, latency samples; speed limit and believable speed
-//! m/s, travel low and high m, ramp s, sign test's force as a part of full scale, heaviest handle kg and
-//! N s/m, the passivity controller's acceleration m/s^2 or 0; continuous force N, time constant s; current's voltage at rest and at full
-//! command as parts of the analogue supply; radius of the handle m;
-//! return move: start m, speed m/s, force N, K N/m, B N s/m, integral N/(m s), tolerance m, timeout s; calibration: rise
-//! %/s, hold s, travel m; eight parameters of the estimator; wall m; hit: settle s, window s, RMS m; walk: K start, step,
-//! cap N/m, B start, step, cap N s/m.
+//! The numbers, in this order:
+//! * sample rate Hz, resolution m, force at full command N, latency samples;
+//! * speed limit and believable speed m/s, travel low and high m, ramp s;
+//! * sign test's force as a part of full scale, heaviest handle kg and N s/m;
+//! * the passivity controller's acceleration m/s^2 or 0;
+//! * continuous force N, time constant s;
+//! * current's voltage at rest and at full command, as parts of the analogue supply;
+//! * radius of the handle m;
+//! * return move: start m, speed m/s, force N, K N/m, B N s/m, integral N/(m s), tolerance m, timeout s;
+//! * calibration: rise %/s, hold s, travel m;
+//! * eight parameters of the estimator;
+//! * wall m;
+//! * hit: settle s, window s, RMS m;
+//! * walk: K start, step, cap N/m, B start, step, cap N s/m.
 
 use super::{
     Device,
@@ -47,14 +54,13 @@ use crate::{
 pub const WORDS_MAX: usize = 4096;
 /// Version of the layout.
 pub const LAYOUT: u8 = 4;
-/// Where the board's name is, bytes.
+/// Offset of the board's name, bytes.
 pub const BOARD_AT: usize = 12;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"ZWD\0");
 const HEAD: u32 = MAGIC | (LAYOUT as u32) << 24;
-/// A word of erased flash.
 const BLANK: u32 = u32::MAX;
-/// Words before the numbers, and before designs and envelope.
+/// Words before the numbers. The next line: words before designs and envelope.
 const FIXED: usize = 17;
 const BEFORE_TABLES: usize = FIXED + 2 * NUMBERS;
 
@@ -62,31 +68,31 @@ const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
 const QUIET: u32 = 8;
-/// Where the number of designs begins.
+/// Lowest bit of the number of designs.
 const DESIGNS: u32 = 8;
 
 const NUMBERS: usize = 39 + KEPT;
-/// Parameters of the estimator among them.
+/// Numbers that are parameters of the estimator.
 const KEPT: usize = 8;
-// If this number changes, the layout is another one.
+// If `PARAMETERS` changes, the layout needs a new version.
 const _: () = assert!(PARAMETERS == KEPT);
 
-/// Properties of a board that do not depend on the device; a record must match them.
+/// Properties of a board that do not depend on the device. A record must match them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoardFacts {
     /// Name of the board.
     pub name: &'static str,
     /// Samples per second, Hz.
     pub rate_hz: f64,
-    /// Form of its force output.
+    /// Kind of its force output.
     pub output: Output,
-    /// What an estimator can look at beside the count.
+    /// Senses that an estimator can use beside the count.
     pub senses: &'static [Sense],
-    /// From the counter's reading to the force, samples: at least.
+    /// Shortest time from the counter's reading to the force, samples.
     pub latency_samples: f64,
 }
 
-/// The hash that a record keeps of its scene's text.
+/// Hash of a scene's text. A record has the hash of its scene.
 pub fn hash_of(text: &[u8]) -> u32 {
     crc::of_bytes(text)
 }
@@ -96,15 +102,15 @@ pub fn hash_of(text: &[u8]) -> u32 {
 pub enum BadRecord {
     /// The sector is erased.
     Blank,
-    /// It does not begin like a record.
+    /// The words do not begin like a record.
     Foreign,
     /// Another version of the layout.
     Layout(u8),
-    /// It is cut short, or longer than the sector: words.
+    /// The record is cut short, or longer than the sector: words.
     Length(u32),
     /// Its checksum is wrong.
     Damaged,
-    /// It is for that board.
+    /// The record is for this other board.
     Board(Name),
     /// A name is no text.
     Name,
@@ -114,11 +120,11 @@ pub enum BadRecord {
     Output,
     /// This build has no estimator of that number.
     Estimator(u32),
-    /// The designs are no table.
+    /// The words of the designs are not valid.
     Designs,
-    /// The envelope is no table.
+    /// The words of the envelope are not valid.
     Envelope,
-    /// The board cannot run its estimator with its output period.
+    /// The board cannot run the record's estimator with its output period.
     Unfit,
     /// A number is out of range.
     Range(SettingsError),
@@ -133,7 +139,7 @@ impl From<SettingsError> for BadRecord {
 /// Length of the shortest record, words.
 pub const WORDS_MIN: usize = BEFORE_TABLES + 1;
 
-/// Checks a record; returns its fixed words, the words of its tables, and its hash.
+/// Checks a record. Returns its fixed words, the words of its tables, and its hash.
 fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
     let Some(([head, length, ..], _)) = words.split_first_chunk::<FIXED>() else {
         return Err(BadRecord::Foreign);
@@ -160,13 +166,13 @@ fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
     Ok((fixed, rest, *check))
 }
 
-/// The record at the front of these words, without what follows: its last word is the checksum of all before it. If its
-/// length is not possible, all words.
+/// The record at the front of these words, without the words behind it. All words, if its length is not possible. The
+/// last word of a record is the checksum of all words before it.
 pub fn record_in(words: &[u32]) -> &[u32] {
     stated(words).unwrap_or(words)
 }
 
-/// As many of the words as the second one says.
+/// The first words, as many as the second word says.
 fn stated(words: &[u32]) -> Option<&[u32]> {
     words.get(..usize::try_from(*words.get(1)?).ok()?)
 }
@@ -189,10 +195,10 @@ fn words_of(output: Output) -> [u32; 2] {
 }
 
 impl<'a> Device<'a> {
-    /// The device of the record at the front of `words`, on that board. Nothing of it is out of range.
+    /// The device of the record at the front of `words`, on that board. All its numbers are checked.
     ///
     /// # Errors
-    /// Says what is wrong with it.
+    /// Says what is wrong with the record.
     pub fn from_record(words: &'a [u32], board: &BoardFacts) -> Result<Self, BadRecord> {
         let device = Self::decode(words, board)?;
         if device.board.text() != board.name {
@@ -202,14 +208,14 @@ impl<'a> Device<'a> {
             return Err(BadRecord::Output);
         }
         within("rate_hz", device.design.rate_hz, board.rate_hz..=board.rate_hz)?;
-        // An envelope for a faster board may contain walls that are not stable on this one.
+        // The envelope of a board with less latency may contain walls that are not stable on this board.
         let latency = board.latency_samples..=Self::LATENCY_MAX_SAMPLES;
         within("latency_samples", device.latency_samples, latency)?;
         device.check()?;
         Ok(device)
     }
 
-    /// What can be checked before anything runs.
+    /// Checks that are possible before anything runs.
     fn check(&self) -> Result<(), BadRecord> {
         let defaults = self.defaults();
         if self.unfit(&defaults).is_some() {
@@ -229,7 +235,7 @@ impl<'a> Device<'a> {
         Ok(())
     }
 
-    /// Whether it can be a device that a person holds.
+    /// Checks that a person could hold this device.
     fn check_size(&self) -> Result<(), BadRecord> {
         let Self { safety, radius_m, .. } = self;
         within(
@@ -344,7 +350,7 @@ impl<'a> Device<'a> {
                 damping_max_n_s_per_m: next(),
             },
         };
-        // Without a parameter of the estimator at this place, the number must be 0.
+        // If the estimator has no parameter here, the number must be 0.
         let same = device.numbers().into_iter().flat_map(halves).eq(stated.iter().copied());
         if same { Ok(device) } else { Err(BadRecord::Unknown) }
     }
@@ -405,9 +411,9 @@ impl<'a> Device<'a> {
     }
 
     /// Writes the record of this device to the front of `words`, with these designs and boundaries instead of its own.
-    /// A record has no wall and no push, so K, B and push are left out, and so is its hash.
+    /// K, B and push are left out, because a record has no wall and no push. The hash is left out too.
     ///
-    /// None if there is no room.
+    /// `None` if there is no room.
     pub fn to_record<'b>(
         &self,
         designs: &[NamedFilter],

@@ -1,4 +1,4 @@
-//! What follows from a device, and what is refused.
+//! Plans that follow from a device, and refused settings.
 
 use std::{sync::LazyLock, vec::Vec};
 
@@ -15,7 +15,7 @@ pub(crate) const fn point(damping_n_s_per_m: f64, stiffness_high_n_per_m: f64) -
     Point { damping_n_s_per_m, stiffness_low_n_per_m: 0.0, stiffness_high_n_per_m }
 }
 
-/// Its envelope: 1500 Hz, 1 kHz.
+/// Envelope of the device: 1500 Hz, output at 1 kHz.
 pub(crate) const BOUNDARY: Boundary<'static> = Boundary {
     key: Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10, design: 0 },
     points: &[point(0.0, 4000.0), point(50.0, 20_000.0)],
@@ -126,7 +126,7 @@ fn a_hit_starts_inside_the_travel_and_before_the_wall() {
     assert!(with(0.1099, 0.2).is_ok());
 }
 
-/// The settings of experiments can be set one by one, whatever the wall is. A range that is printed is then accepted.
+/// The settings of experiments can be set one by one, at any wall. The ends of a printed range are accepted.
 #[test]
 fn settings_of_experiments_do_not_wait_for_a_wall_and_their_printed_ends_are_accepted() {
     for position_m in [-1.0, -0.04, 0.0, 0.07, 1.0] {

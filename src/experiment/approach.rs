@@ -1,4 +1,4 @@
-//! The way to the start of a hit or a pulse: cooling down if the motor is warm, then the return move.
+//! The approach to the start of a hit or a pulse. First a warm motor cools down. Then the return move follows.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -12,7 +12,7 @@ pub enum AbortReason {
     Off,
     /// The handle did not come back to the start in time.
     NotBack,
-    /// The motor does not cool down: something else asks for force.
+    /// The motor does not cool down: another force warms it.
     TooWarm,
 }
 
@@ -27,22 +27,21 @@ impl AbortReason {
     }
 }
 
-/// An approach in progress.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Approach {
     back: Return,
     /// Whether the return move is under way; otherwise the motor cools down.
     moves: bool,
-    /// Outputs spent cooling down.
+    /// Outputs of the cooling time so far.
     cooled: u32,
 }
 
 impl Approach {
-    /// The push for this output; none: the handle stands at the start, and the motor is cool enough. `contact`: the
+    /// The push for this output. `None`: the handle rests at the start, and the motor is cool enough. `contact`: the
     /// handle is inside the wall.
     ///
     /// # Errors
-    /// It does not get to the start.
+    /// The handle does not get to the start.
     #[inline(always)]
     pub fn output(
         &mut self,
@@ -66,7 +65,7 @@ impl Approach {
         match moved {
             ReturnStep::Push(force) => Ok(Some(force)),
             ReturnStep::TooLong => Err(AbortReason::NotBack),
-            // Whatever has warmed the motor on the way: what follows needs a cool one.
+            // The approach has warmed the motor. The hit or pulse needs a cool one.
             ReturnStep::Arrived if !duty.is_ready(stands) => {
                 self.moves = false;
                 Ok(Some(Force::ZERO))
@@ -75,7 +74,7 @@ impl Approach {
         }
     }
 
-    /// The motor cools down.
+    /// Whether the motor is cooling down.
     #[cfg(test)]
     pub fn cools(&self) -> bool {
         !self.moves
@@ -104,7 +103,7 @@ mod tests {
             let push = approach.output((&back, &stands), (Position::from_counts(0), false), duty);
             (push.unwrap(), approach.cools())
         };
-        // It has to stand for 20 ms.
+        // It must rest for 20 ms.
         for _ in 0..19 {
             assert_eq!(output(&cold), (Some(Force::ZERO), false));
         }
@@ -126,7 +125,7 @@ mod tests {
         let mut approach = Approach::default();
         let mut pushed = false;
         for _ in 0..9_000 {
-            // Somebody holds it.
+            // Somebody holds the handle.
             let push =
                 approach.output((&back, &stands), (Position::from_counts(-40_000), false), &heat);
             let push = push.unwrap().unwrap();

@@ -1,8 +1,8 @@
-//! Force calibration: a constant force outside the wall that rises slowly and is then held, so that a weight or a force
-//! gauge can be compared with it. It ends by itself when the handle moves.
+//! Force calibration: a constant force outside the wall. It rises slowly and is then held, so that a weight or a force
+//! gauge can measure it. The calibration ends by itself when the handle moves.
 //!
-//! docs/tuning.md has two ways to use it. A gauge holds the handle, and is read while the force is held. Or a weight
-//! rests on the handle, and the force that lifts it is reported.
+//! docs/tuning.md has two ways to use it. A gauge holds the handle, and shows the held force. Or a weight rests on the
+//! handle, and the force that lifts it is reported.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -13,16 +13,16 @@ use crate::{
     units::{Force, Position},
 };
 
-/// The calibration in units for people.
+/// The calibration in SI units and percent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationSettings {
-    /// Force to go to, percent of full scale: -30 to 30.
+    /// Target force, percent of full scale: -30 to 30.
     pub percent: f64,
-    /// How fast it comes up, percent of full scale per second.
+    /// Rise of the force, percent of full scale per second.
     pub rise_percent_per_s: f64,
-    /// How long it is held, s.
+    /// Time to hold the force, s.
     pub hold_s: f64,
-    /// Distance from the place at the beginning beyond which the handle has moved, m.
+    /// Travel from the first position at which the handle counts as moved, m.
     pub travel_m: f64,
 }
 
@@ -30,7 +30,7 @@ impl CalibrationSettings {
     /// Allowed forces, percent of full scale.
     pub const PERCENT: core::ops::RangeInclusive<f64> = -30.0..=30.0;
 
-    /// Checks, and converts.
+    /// Checks and converts the settings.
     ///
     /// # Errors
     /// Names the first parameter that is out of range, and the range.
@@ -59,7 +59,7 @@ impl CalibrationSettings {
     }
 }
 
-/// Longest calibration, however often its force is changed, s.
+/// Longest calibration, s, also if its force is changed often.
 const LONGEST_S: f64 = 120.0;
 
 /// The calibration in integers.
@@ -71,16 +71,16 @@ pub struct CalibrationPlan {
     step: i32,
     /// Time to hold the force, outputs.
     hold: u32,
-    /// Longest time of all, outputs.
+    /// Longest time of the whole calibration, outputs.
     longest: u32,
-    /// Travel that ends it, counts.
+    /// Travel that ends the calibration, counts.
     travel: u32,
 }
 
 /// Why a calibration ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CalibrationEnd {
-    /// The handle moved: with a weight on it, this force lifts it.
+    /// The handle moved. With a weight on the handle, this force lifts it.
     Moved,
     /// The handle is in the wall.
     Contact,
@@ -106,10 +106,10 @@ impl CalibrationEnd {
 #[derive(Clone, Copy, Debug)]
 pub struct Calibration {
     plan: Doubled<CalibrationPlan>,
-    /// Where the handle was at the first output.
+    /// Position of the handle at the first output.
     origin: Option<Position>,
     force: i32,
-    /// Outputs since the force is complete.
+    /// Outputs since the force was complete.
     held: u32,
     /// Outputs since the calibration began.
     outputs: u32,
@@ -121,20 +121,20 @@ impl Calibration {
         Self { plan: Doubled::new(plan), origin: None, force: 0, held: 0, outputs: 0 }
     }
 
-    /// A bit of the plan's copy has flipped.
+    /// Flips a bit of the plan's copy.
     #[cfg(test)]
     pub fn spoil(&mut self) {
         self.plan.spoil(CalibrationPlan { hold: self.plan.hold ^ 1, ..*self.plan });
     }
 
-    /// Whether the plan is as it was put here.
+    /// Whether the plan is unchanged.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.plan.is_whole()
     }
 
-    /// Goes on from the present force to another one. The total time is not started again, because no push without
-    /// motion is looked for meanwhile.
+    /// Continues from the present force to another one. The total time is not restarted, because a push without motion
+    /// is not looked for during a calibration.
     pub fn retarget(&mut self, plan: CalibrationPlan) {
         self.plan.set(plan);
         self.held = 0;
@@ -143,7 +143,7 @@ impl Calibration {
     /// The push for this output. `contact`: the handle is inside the wall.
     ///
     /// # Errors
-    /// It is over; there is no push any more.
+    /// The calibration is over. There is no push any more.
     pub fn output(&mut self, position: Position, contact: bool) -> Result<Force, CalibrationEnd> {
         let origin = *self.origin.get_or_insert(position);
         if contact {
@@ -168,7 +168,7 @@ impl Calibration {
         Ok(Force::saturating_from_bits(self.force))
     }
 
-    /// The force was complete with this output for the first time.
+    /// Whether the force is complete with this output for the first time.
     pub fn is_complete_now(&self) -> bool {
         self.held == 1
     }
@@ -273,9 +273,9 @@ mod tests {
         assert!(next < last && last - next <= (1 << 30) / 50_000 + 1);
     }
 
-    /// A weight hangs on a handle with dry friction. The force at which it has moved by 1 mm, percent: lifted off a
-    /// block by 15 %; or let down from 15 % to 5 %, with a block above it, while the one below is taken away in
-    /// between.
+    /// The force, in percent, at which a weight on a handle with dry friction has moved by 1 mm. Either 15 % lift the
+    /// weight off a block. Or the force falls from 15 % to 5 %: meanwhile a block above holds the handle, and the block
+    /// below is taken away.
     fn weighed(weight_percent: f64, friction_n: f64, lifted: bool) -> f64 {
         let plan = |percent| CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap();
         let weight_n = weight_percent / 100.0 * DESIGN.full_scale_n;
@@ -308,8 +308,8 @@ mod tests {
         panic!("it never moves");
     }
 
-    /// By how much the force exceeds weight and friction while the handle moves by 1 mm, and how far the mean of both
-    /// ways may be off, percent of full scale: docs/tuning.md states both.
+    /// Limits in percent of full scale, which docs/tuning.md states. `LIFTING`: excess of the force over weight and
+    /// friction while the handle moves by 1 mm. `MEAN_OFF`: error of the mean of both ways.
     const LIFTING: f64 = 0.8;
     const MEAN_OFF: f64 = 0.005;
 

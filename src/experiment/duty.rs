@@ -1,20 +1,17 @@
-//! Duty limit: an I^2 t model of the motor's winding, so that experiments pause before they overheat
-//! it.
+//! Duty limit: an I^2 t model of the motor's winding, so that experiments pause before they overheat it.
 //!
-//! A motor's loss rises with the square of its current, and with a current-mode amplifier the force is proportional to
-//! the current. The winding is one thermal mass (IEC 60034-11 calls the protection "thermal model"; drives call it I^2
-//! t):
+//! A motor's loss rises with the square of its current. With a current-mode amplifier the force is proportional to the
+//! current. The winding is one thermal mass. IEC 60034-11 calls this protection "thermal model", drives call it I^2 t:
 //!
 //! ```text
 //! heat' = (u^2 - heat) / tau          u = force / full scale
 //! ```
 //!
-//! `heat` is the mean of u^2, weighted by exp(-age / tau). With each output of length T it moves by `1 -
-//! exp(-T / tau)` of its distance from u^2: the exact step while u is constant, for every accepted T and tau.
-//! Heat and u^2 lie within 0..=1 at 60 fractional bits, so the format itself excludes an overflow.
-//! [`Duty::is_ready`] lets a hit begin only if `heat` stays within its limit even at full force from the first
-//! output of the hit to its last. So no sequence of hits exceeds the limit, and none is broken off: hits wait
-//! instead.
+//! `heat` is the mean of u^2, weighted by exp(-age / tau). With each output of length T it moves by `1 - exp(-T / tau)`
+//! of its distance from u^2. While u is constant this step is exact, for every accepted T and tau. Heat and u^2 lie
+//! within 0..=1 at 60 fractional bits, so the format itself excludes an overflow. [`Duty::is_ready`] lets a hit begin
+//! only if `heat` stays within its limit even at full force for the whole hit. So no sequence of hits exceeds the
+//! limit, and no hit is broken off. Hits wait instead.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -26,13 +23,13 @@ use crate::{
 
 /// Fractional bits of the heat.
 const FRACTION: u32 = 2 * Force::FRACTION_BITS;
-/// Fractional bits of a difference of heats, as it is multiplied: +-1 is within 32 bits.
+/// Fractional bits of a difference of heats for the product: +-1 fits 32 bits.
 const DIFFERENCE: u32 = 30;
 
 /// Thermal limits of the motor, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DutySettings {
-    /// Force that it can give for ever, N; the limit is its square over that of full scale.
+    /// Force that the motor can give for ever, N. The limit is the square of its ratio to full scale.
     pub continuous_force_n: f64,
     /// Thermal time constant of the winding, s: 1 to 3600.
     pub time_constant_s: f64,
@@ -41,7 +38,7 @@ pub struct DutySettings {
 /// The limit in integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DutyPlan {
-    /// Part of the heat that one output exchanges: LSB of heat per LSB of a difference.
+    /// Part of the heat that one output exchanges, LSB of heat per LSB of a difference.
     exchange: Gain,
     /// Heat that must not be exceeded.
     limit: i64,
@@ -59,7 +56,8 @@ impl DutyPlan {
 }
 
 impl DutySettings {
-    /// Longest hit at full force that a cold motor can take, s: 0 if none, infinite if it can give full scale for ever.
+    /// Longest hit at full force that a cold motor can bear, s. 0: it can bear none. Infinite: it can give full scale
+    /// for ever.
     #[expect(clippy::float_arithmetic, reason = "design time")]
     pub fn longest_hit_s(&self, design: &Design) -> f64 {
         let period_s = design.period_s();
@@ -73,11 +71,11 @@ impl DutySettings {
         f64::max(0.0, libm::floor(outputs - spare_outputs(design)) * period_s)
     }
 
-    /// Checks, and converts; a hit lasts `samples`.
+    /// Checks and converts the limits. A hit lasts `samples`.
     ///
     /// # Errors
-    /// Names the first parameter that is out of range, and the range. A force so small that even a
-    /// cold motor would be too hot after a hit at full force is one of them.
+    /// Names the first parameter that is out of range, and the range. The force is out of range if even a cold motor
+    /// would be too hot after a hit at full force.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -95,7 +93,7 @@ impl DutySettings {
         let force = self.continuous_force_n;
         within("duty_continuous_force_n", force, least..=design.full_scale_n)?;
         let limit = (force / design.full_scale_n) * (force / design.full_scale_n);
-        // At least what the range above leaves, although a small `kept` makes that inexact.
+        // At least the lower end of the range above, although rounding of a small `kept` could give less.
         let ready = f64::max(1.0 - (1.0 - limit) / kept, RESERVE) - 1e-4;
         let bits = |value: f64| libm::floor(libm::scalbn(value, FRACTION.cast_signed())) as i64;
         Ok(DutyPlan {
@@ -112,10 +110,10 @@ impl DutySettings {
     }
 }
 
-/// Heat for rounding, and for a return before the hit that warms a cold motor.
+/// Reserve of heat for rounding, and for a return move that warms a cold motor before the hit.
 const RESERVE: f64 = 1e-3;
 
-/// Outputs beyond a hit's own while its force rises and falls: those of 50 ms, at least 50.
+/// Outputs in addition to the hit's own, while its force rises and falls: 50 ms, at least 50 outputs.
 fn spare_outputs(design: &Design) -> f64 {
     f64::from(50 * design.samples_per_ms().div_ceil(design.period.max(1)))
 }
@@ -123,7 +121,7 @@ fn spare_outputs(design: &Design) -> f64 {
 /// Time constants after which no heat is left: exp(-9.3) is 1e-4, the smallest `ready`.
 const PATIENCE: f64 = 9.3;
 
-/// How warm the motor is, by the model; cold at reset.
+/// Temperature of the motor in the model. The motor is cold at reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Duty {
     /// Part of the heat of full force, 0 to 1, with [`FRACTION`] fractional bits.
@@ -131,7 +129,7 @@ pub struct Duty {
 }
 
 impl Duty {
-    /// Takes the force of one output.
+    /// Adds the force of one output.
     #[inline]
     pub fn add(&mut self, plan: &DutyPlan, force: Force) {
         let force = i64::from(force.bits());
@@ -150,7 +148,7 @@ impl Duty {
         self.heat > plan.limit
     }
 
-    /// Heat in thousandths of what full force would lead to.
+    /// Heat in thousandths of the final heat at full force.
     pub fn per_mille(&self) -> u32 {
         u32::try_from(((self.heat >> DIFFERENCE) * 1000) >> (FRACTION - DIFFERENCE))
             .unwrap_or_default()
@@ -191,7 +189,7 @@ mod tests {
         assert!(duty.per_mille() == 0 && duty.is_ready(&plan));
     }
 
-    /// Every output period, sample rate and time constant that is accepted, against the weighted mean itself.
+    /// Compares every accepted output period, sample rate and time constant with the weighted mean itself.
     #[test]
     fn no_accepted_design_overflows_or_loses_the_heat() {
         for (rate_hz, period) in [(1e3, 10), (1e3, 1000), (5e4, 1000), (1e4, 10), (5e4, 1)] {
@@ -271,15 +269,15 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(CASES))]
 
-        /// With any force of the hits, for any time, and however soon the next hit is asked for: the weighted mean
-        /// square never exceeds the limit, and each hit comes in time.
+        /// Hits have any force and any length, and the next hit may come at any time. The weighted mean square never
+        /// exceeds the limit, and each hit comes in time.
         #[test]
         fn no_sequence_of_hits_exceeds_the_limit(
             hits in prop::collection::vec((0.0..=1.0f64, 1u32..=OUTPUTS, 0.0..0.25f64), 1..HITS)
         ) {
             let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
             let mut duty = Duty::default();
-            // the same in floats, not by recursion but as a sum
+            // the same in floats: a sum instead of a recursion
             let (mut mean, decay) = (0.0, (-1e-3f64 / 30.0).exp());
             let limit = (4.1f64 / 5.906).powi(2);
             for (part, outputs, hold) in hits {
@@ -290,7 +288,7 @@ mod tests {
                     waited += 1;
                     prop_assert!(waited < 100_000, "it never gets its turn");
                 }
-                // worse than any real hit: full force for a while, then that part of it
+                // worse than any real hit: full force for a while, then a part of it
                 for n in 0..outputs {
                     let part = if n % 2 == 0 { 1.0 } else { part };
                     duty.add(&plan, force(part));
@@ -318,7 +316,7 @@ mod tests {
             assert!(!duty.is_too_warm(&plan));
             warmest = warmest.max(duty.heat);
         }
-        // not by far too careful either
+        // not too careful either
         assert!(warmest as f64 > 0.995 * plan.limit as f64);
     }
 }

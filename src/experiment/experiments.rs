@@ -1,5 +1,5 @@
-//! Which experiment is going on, and which push it proposes for the next output. [`safety`](crate::safety) decides how
-//! much of it acts.
+//! The running experiment, and the push that it proposes for the next output. A push is the force of an experiment,
+//! without the wall's force. [`safety`](crate::safety) decides how much of it acts.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -15,7 +15,6 @@ use crate::{
     wall::Wall,
 };
 
-/// One of them, in progress.
 #[derive(Clone)]
 pub(crate) enum Experiment {
     None,
@@ -24,30 +23,30 @@ pub(crate) enum Experiment {
     Pulses(PulseTrain),
 }
 
-/// The experiment that is going on, if there is one, and what it pushes with.
+/// The running experiment, if there is one, and its push.
 #[derive(Clone)]
 pub struct Experiments {
     experiment: Experiment,
-    /// Which experiment it is, so that a flipped bit begins none.
+    /// Kind of the running experiment, stored again so that a flipped bit begins none.
     activity: Activity,
-    /// At the next output.
+    /// Push of the next output.
     push: Force,
-    /// At the last one.
+    /// Push of the last output.
     pushed: Force,
     duty: Duty,
     duty_plan: Doubled<DutyPlan>,
-    /// Event of an experiment that has begun or has ended by itself; kept until it is taken.
+    /// Event of an experiment that has begun or has ended by itself. It waits until it is taken.
     news: Event,
     /// Codes of the outputs in the window of the last hit.
     codes: RunningVariance,
-    /// The hit is over. Its codes follow in a separate event, so that no report gets longer.
+    /// The hit is over. Its codes follow in a separate event, so that a report stays short.
     tells_codes: bool,
     /// Event with the codes, sent after the end of the hit was reported.
     codes_news: Event,
 }
 
 impl Experiments {
-    /// Nothing going on, and a motor that has not been used.
+    /// No experiment is running, and the motor is cold.
     pub fn new(duty_plan: DutyPlan) -> Self {
         Self {
             experiment: Experiment::None,
@@ -63,7 +62,7 @@ impl Experiments {
         }
     }
 
-    /// The activity that goes on besides the wall.
+    /// The running activity beside the wall.
     #[inline(always)]
     pub fn activity(&self) -> Activity {
         self.activity
@@ -75,25 +74,25 @@ impl Experiments {
         Proposal { push: self.push, still: matches!(self.activity, Activity::Calibration) }
     }
 
-    /// The push of the last output that was [followed](Self::follow).
+    /// The push of the last output that was given to [`follow`](Self::follow).
     #[inline(always)]
     pub fn pushed(&self) -> Force {
         self.pushed
     }
 
-    /// A hit begins with the output that is out.
+    /// Whether a hit begins with the output that was just written.
     #[inline(always)]
     pub fn begins_hit(&self) -> bool {
         matches!(&self.experiment, Experiment::Hit(hit) if hit.is_fresh())
     }
 
-    /// What has happened, for the caller to take: `Event::None` if nothing has.
+    /// The event for the caller to take: `Event::None` if there is none.
     #[inline(always)]
     pub fn news(&mut self) -> &mut Event {
         if matches!(self.news, Event::None) { &mut self.codes_news } else { &mut self.news }
     }
 
-    /// Whether the push is as it was given. Ask this after each output.
+    /// Whether experiment and limits are unchanged. Call it after each output.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         let (activity, whole) = match &self.experiment {
@@ -105,7 +104,7 @@ impl Experiments {
         activity == self.activity && whole && self.duty_plan.is_whole()
     }
 
-    /// The motor's thermal limits at another output period. Call it with the force off.
+    /// Sets the motor's thermal limits for another output period. Call it with the force off.
     pub fn set_duty(&mut self, duty: DutyPlan) {
         self.duty_plan.set(duty);
     }
@@ -113,7 +112,7 @@ impl Experiments {
     /// Runs a wall hit.
     ///
     /// # Errors
-    /// Something is going on.
+    /// An experiment is running.
     #[inline(always)] // called, it would copy the plan once more; and so the others
     pub fn hit(&mut self, plan: HitSequencePlan) -> Result<(), Refusal> {
         self.free()?;
@@ -124,7 +123,7 @@ impl Experiments {
     /// Runs a pulse train.
     ///
     /// # Errors
-    /// An experiment is going on, or `wall` acts, whatever the console assumes.
+    /// An experiment is running. Or `wall` has a force, although the console assumes none.
     #[inline(always)]
     pub fn pulses(&mut self, plan: PulseTrainPlan, wall: &Wall) -> Result<(), Refusal> {
         self.free()?;
@@ -135,10 +134,10 @@ impl Experiments {
         Ok(())
     }
 
-    /// Holds a constant force, or goes on with another one.
+    /// Holds a constant force, or continues with another one.
     ///
     /// # Errors
-    /// Something else is going on.
+    /// Another experiment is running.
     #[inline(always)]
     pub fn calibrate(&mut self, plan: CalibrationPlan) -> Result<(), Refusal> {
         if let Experiment::Calibration(calibration) = &mut self.experiment {
@@ -154,10 +153,10 @@ impl Experiments {
         if matches!(self.experiment, Experiment::None) { Ok(()) } else { Err(Refusal::Busy) }
     }
 
-    /// Ends the experiment without an event; its push fades.
+    /// Ends the experiment without an event. Its push fades.
     #[inline(always)]
     pub fn stop(&mut self) {
-        // Not by `set`, which would copy as much as the largest of them.
+        // `set` is not used, because it would copy as much as the largest experiment.
         self.activity = Activity::None;
         self.experiment = Experiment::None;
         self.push = Force::ZERO;
@@ -173,9 +172,9 @@ impl Experiments {
         self.news = news;
     }
 
-    /// After an output: the granted force, `positions` of the samples since the last output, and the output's position.
-    /// The next push is decided here, where it costs no latency: a return move tolerates a millisecond, and a hit
-    /// begins with the output of its push.
+    /// Call it after an output: with the granted force, the output's position, and `positions` of the samples since the
+    /// last output. It decides the next push. Here this costs no latency: a return move tolerates a millisecond, and a
+    /// hit begins with the output of its push.
     #[inline(always)]
     pub fn follow(
         &mut self,
@@ -216,7 +215,7 @@ impl Experiments {
         };
         let mut verdict = None;
         if hit.is_fresh() {
-            // Of the samples up to the output that began the hit, only the last one belongs to it.
+            // Only the last sample, which has the output that began the hit, belongs to the hit.
             if let Some(position) = positions.last() {
                 verdict = hit.sample(position, wall.penetration(position) > 0);
             }
@@ -239,7 +238,7 @@ impl Experiments {
         }
     }
 
-    /// The push of the next output.
+    /// Computes the push of the next output.
     fn prepare(&mut self, position: Position, contact: bool) {
         let (push, over) = match &mut self.experiment {
             Experiment::None => (Force::ZERO, None), // whatever a bit has become
@@ -269,7 +268,7 @@ impl Experiments {
     }
 }
 
-/// For tests that look inside and change what they see.
+/// Access for tests to the private fields.
 #[cfg(test)]
 pub(crate) struct Parts<'a> {
     pub(crate) experiment: &'a mut Experiment,
@@ -298,7 +297,8 @@ mod tests {
 
     const ON: OutputCommand = OutputCommand::On(GrantedForce::ZERO);
 
-    /// A handle on the surface is not in contact: for a hit's first sample, for its others, and for a calibration.
+    /// A handle on the surface is not in contact. This holds for a hit's first sample, for its other samples, and for a
+    /// calibration.
     #[test]
     fn contact_begins_one_count_behind_the_surface() {
         let stored = DEVICE.defaults();

@@ -1,5 +1,5 @@
-//! The wall hit (paper, 2.2.3): a constant push drives the handle against the wall; after a settle
-//! time the RMS of the count about its mean, over a window, decides.
+//! The wall hit (paper, 2.2.3). A constant push drives the handle against the wall. After a settle time the RMS of the
+//! count about its mean, over a window, gives the verdict.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -17,14 +17,14 @@ pub struct HitSettings {
     pub push_n: f64,
     /// Time before the hit is judged, s.
     pub settle_s: f64,
-    /// Time over which it is judged, s.
+    /// Time over which the hit is judged, s.
     pub window_s: f64,
-    /// `stable` is an RMS below this, m.
+    /// A hit with an RMS below this is `stable`, m.
     pub rms_limit_m: f64,
 }
 
 impl HitSettings {
-    /// Validates, and converts to samples, counts and fractions of full scale.
+    /// Checks, and converts to samples, counts and fractions of full scale.
     ///
     /// # Errors
     /// Names the first parameter that is out of range, and the range.
@@ -44,8 +44,7 @@ impl HitSettings {
     }
 }
 
-/// A wall hit in samples, counts and fractions of full scale; made by
-/// [`HitSettings::build`].
+/// A wall hit in samples, counts and fractions of full scale. Made by [`HitSettings::build`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitPlan {
     /// Constant push into the wall.
@@ -54,11 +53,11 @@ pub struct HitPlan {
     pub settle: u32,
     /// Samples in the window.
     pub window: u32,
-    /// `stable` is an RMS below this.
+    /// A hit with an RMS below this is `stable`.
     pub limit: RmsLimit,
 }
 
-/// What a hit showed.
+/// Result of a hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)] // as wide as a word, so that the counts beside it in an `Event` are copied by words
 pub enum Verdict {
@@ -66,7 +65,7 @@ pub enum Verdict {
     Stable,
     /// In contact, and the RMS reached the limit.
     Unstable,
-    /// No sample of the window was in contact: the hit says nothing about the wall.
+    /// No sample of the window was in contact. The hit gives no result about the wall.
     NoContact,
 }
 
@@ -74,7 +73,7 @@ impl Verdict {
     /// All verdicts that there are.
     pub const ALL: [Self; 3] = [Self::Stable, Self::Unstable, Self::NoContact];
 
-    /// As programs read it, in files and JSON.
+    /// Its name for programs, in files and JSON.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Stable => "stable",
@@ -83,7 +82,7 @@ impl Verdict {
         }
     }
 
-    /// As a person reads it, on the console and in figures.
+    /// Its text for people, on the console and in figures.
     pub const fn text(self) -> &'static str {
         match self {
             Self::NoContact => "no contact",
@@ -92,7 +91,7 @@ impl Verdict {
     }
 }
 
-/// A hit in progress. Feed it every sample; it answers once, with the last sample of its window.
+/// A hit in progress. Give it every sample. It returns a verdict once, at the last sample of its window.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
     plan: HitPlan,
@@ -107,7 +106,7 @@ impl Hit {
         Self { plan, samples: 0, contact_samples: 0, scatter: RunningVariance::default() }
     }
 
-    /// A hit in its window, whose samples were taken elsewhere.
+    /// A hit in its window, whose samples so far were summed up elsewhere.
     pub fn in_window(plan: HitPlan, contact_samples: u32, scatter: RunningVariance) -> Self {
         Self { plan, samples: plan.settle, contact_samples, scatter }
     }
@@ -117,7 +116,7 @@ impl Hit {
         &self.plan
     }
 
-    /// The push to render with, from the first sample to the last.
+    /// The push of the hit, from the first sample to the last.
     #[inline]
     pub fn push(&self) -> Force {
         self.plan.push
@@ -138,7 +137,7 @@ impl Hit {
         self.is_over().then(|| self.verdict())
     }
 
-    /// A verdict before the end, if it is certain to be the one at the end.
+    /// The verdict before the end of the window, if it cannot change any more.
     pub fn certain_verdict(&self) -> Option<Verdict> {
         let unstable =
             self.contact_samples > 0 && self.scatter.must_reach(self.plan.limit, self.plan.window);
@@ -151,7 +150,7 @@ impl Hit {
         self.scatter.samples() >= self.plan.window
     }
 
-    /// The window so far.
+    /// Sums of the window so far.
     #[inline]
     pub fn scatter(&self) -> &RunningVariance {
         &self.scatter
@@ -230,7 +229,7 @@ mod tests {
     #[test]
     fn a_hit_pushes_as_planned_and_counts_the_samples_of_its_window_in_contact() {
         let mut hit = Hit::new(HitPlan { push: Force::FULL_SCALE, ..PLAN });
-        // four to settle
+        // four samples to settle
         let settle = [(true, 0); 4];
         for (contact, counted) in settle.into_iter().chain([(true, 1), (false, 1), (true, 2)]) {
             hit.sample(Position::from_counts(0), contact);

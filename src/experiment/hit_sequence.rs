@@ -1,5 +1,4 @@
-//! One hit on the device, with all that comes before it: cooling down if the motor is warm, then the return
-//! move.
+//! One hit on the device, with the approach before it: a warm motor cools down, then the return move follows.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -12,7 +11,7 @@ use crate::{
     units::{Force, Position},
 };
 
-/// What a hit sequence is made of.
+/// The parts of a hit sequence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitSequencePlan {
     /// The hit in integer form.
@@ -21,13 +20,13 @@ pub struct HitSequencePlan {
     pub back: ReturnPlan,
     /// Thermal limits of the motor.
     pub duty: DutyPlan,
-    /// Outputs between two checks whether the verdict is already certain, so that it is given at once;
-    /// [`NEVER`](Self::NEVER): there are no such checks.
+    /// Outputs between two checks for a certain verdict, which is then given at once. [`NEVER`](Self::NEVER): no such
+    /// checks.
     pub look: u32,
 }
 
 impl HitSequencePlan {
-    /// The verdict comes at the end of the window.
+    /// No checks: the verdict comes at the end of the window.
     pub const NEVER: u32 = u32::MAX;
     /// Milliseconds between two of these checks.
     pub(crate) const LOOK_MS: u32 = 32;
@@ -47,7 +46,7 @@ pub struct HitSequence {
     stands: DutyPlan,
     look: u32,
     phase: Phase,
-    /// Which phase it is, so that a flipped bit begins none.
+    /// Whether the phase is the hit, stored again so that a flipped bit begins none.
     hits: bool,
     /// Outputs since the last check for an early verdict.
     looked: u32,
@@ -64,20 +63,20 @@ impl HitSequence {
         Self { hit, back, stands, look, phase, hits: false, looked: 0, fresh: false }
     }
 
-    /// A sequence without the way to the start.
+    /// A sequence that begins with the hit itself.
     #[cfg(test)]
     pub fn at_its_push(plan: HitSequencePlan) -> Self {
         Self { phase: Phase::Hit(Hit::new(plan.hit)), hits: true, ..Self::new(plan) }
     }
 
-    /// A bit of the push's copy has flipped.
+    /// Flips a bit of the push's copy.
     #[cfg(test)]
     pub fn spoil(&mut self) {
         let push = Force::saturating_from_bits(self.hit.push.bits() ^ 1);
         self.hit.spoil(HitPlan { push, ..*self.hit });
     }
 
-    /// Whether its hit is the ordered one, and its phase the one that was begun.
+    /// Whether the hit is the ordered hit, and the phase is unchanged.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         let begun = match &self.phase {
@@ -90,7 +89,7 @@ impl HitSequence {
     /// The push for this output. `contact`: the handle is inside the wall.
     ///
     /// # Errors
-    /// It cannot go on; there is no push any more.
+    /// The sequence cannot continue. There is no push any more.
     pub fn output(
         &mut self,
         position: Position,
@@ -110,7 +109,7 @@ impl HitSequence {
         Ok(self.hit.push)
     }
 
-    /// The hit began with the last output: of the samples up to it, only the last one belongs to the hit.
+    /// Whether the hit began with the last output. Of the samples up to it, only the last one belongs to the hit.
     pub fn is_fresh(&self) -> bool {
         self.fresh
     }
@@ -124,7 +123,7 @@ impl HitSequence {
         }
     }
 
-    /// The verdict before the end of the window, if the plan allows an early one and it is certain.
+    /// The verdict before the end of the window, if the plan allows it and it is certain.
     pub fn early_verdict(&mut self) -> Option<Verdict> {
         let Phase::Hit(hit) = &self.phase else { return None };
         if self.looked < self.look {
@@ -134,7 +133,7 @@ impl HitSequence {
         hit.certain_verdict()
     }
 
-    /// The window so far; empty before the hit.
+    /// Sums of the window so far; empty before the hit.
     pub fn scatter(&self) -> &RunningVariance {
         match &self.phase {
             Phase::Hit(hit) => hit.scatter(),
@@ -165,7 +164,8 @@ mod tests {
         HitSequencePlan { hit, back: BACK.build(&DESIGN).unwrap(), duty, look }
     }
 
-    /// A soft stop at 0.07 m that trembles by `chatter_m`: the verdict, and outputs of each phase.
+    /// Runs a sequence against a soft stop at 0.07 m that vibrates by `chatter_m`. Returns the verdict, and the outputs
+    /// of each phase.
     fn run(
         mut duty: Duty,
         early: bool,
@@ -273,7 +273,7 @@ mod tests {
         let (verdict, [cool, _, hit]) = run(warm, false, 0.0);
         assert_eq!((verdict, hit), (Ok(Verdict::Stable), 1_500));
         assert!(cool > 100, "{cool}");
-        // a motor that stays warm, because the wall goes on asking for force
+        // a motor that stays warm, because the wall still demands force
         let mut sequence = HitSequence::new(plan);
         let at = Position::from_counts(80_000);
         let ended =

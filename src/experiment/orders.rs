@@ -1,4 +1,4 @@
-//! What the console asks of the output task, and what the output task reports.
+//! Orders of the console to the task `render`, and the reports of this task.
 
 use super::{
     AbortReason, CalibrationEnd, CalibrationPlan, DutyPlan, HitSequencePlan, Promise,
@@ -13,7 +13,7 @@ use crate::{
     units::Force,
 };
 
-/// What goes on besides the wall.
+/// The running activity beside the wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Activity {
     /// Nothing besides the wall.
@@ -21,9 +21,9 @@ pub enum Activity {
     None,
     /// A hit of the wall.
     Hit,
-    /// The pushes of a quiet hit, which sets them by itself.
+    /// The pushes of a quiet hit. The hit sets the push by itself.
     Pushes,
-    /// A boundary walk, which sets K and B by itself.
+    /// A boundary walk. The walk sets K and B by itself.
     Walk,
     /// A calibration with a constant force.
     Calibration,
@@ -32,7 +32,7 @@ pub enum Activity {
 }
 
 impl Activity {
-    /// Name, as replies have it.
+    /// Name of the activity in replies.
     pub const fn name(self) -> &'static str {
         match self {
             Self::None => "idle",
@@ -44,7 +44,8 @@ impl Activity {
     }
 }
 
-/// Values that depend on the output period, except the loop's parameters, which are ordered after them.
+/// Values that depend on the output period, without the loop's parameters. The parameters are ordered after these
+/// values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PeriodPlan {
     /// Thermal limits of the motor.
@@ -57,28 +58,28 @@ pub struct PeriodPlan {
     clippy::large_enum_variant,
     reason = "there is no allocator; large with some estimators only"
 )]
-/// One order; answered with the next [`Report`], in order.
+/// One order. The next [`Report`] has the answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Order {
     /// A request to the supervisor.
     Request(Request),
-    /// New settings, and whether their gains are inside the envelope or need it unlocked.
+    /// New settings, and whether their gains are inside the envelope. Gains outside need it unlocked.
     LoopParameters(LoopParameters, Gains),
-    /// Only with the force off: values for the output period of the parameters that come next.
+    /// Values for the output period of the next parameters. Allowed only with the force off.
     Period(PeriodPlan),
     /// Run a wall hit.
     Hit(HitSequencePlan),
     /// Run a pulse train.
     Pulses(PulseTrainPlan),
-    /// Hold a constant force, or go on with another one.
+    /// Hold a constant force, or continue with another one.
     Calibrate(CalibrationPlan),
-    /// Turn motor and encoder.
+    /// Set the directions of motor and encoder.
     Signs(Signs),
     /// End the experiment that is running.
     Stop,
-    /// Send what the black box holds.
+    /// Send the content of the black box.
     Replay,
-    /// The host is there, and promises to send this again.
+    /// The host is present, and promises to send `alive` again.
     Alive(Promise),
 }
 
@@ -87,24 +88,24 @@ pub enum Order {
 pub enum Gains {
     /// Inside the envelope of stable walls.
     Inside,
-    /// Outside, or unknown to it.
+    /// Outside the envelope, or not in its tables.
     Outside,
 }
 
-/// What a report is about.
+/// The event that a report is about.
 #[derive(Clone, Copy, Debug)]
 pub enum Event {
-    /// Nothing but the output.
+    /// No event: only the output.
     None,
-    /// An order was met or refused.
+    /// An order was accepted or refused.
     Answer(Result<(), Refusal>),
     /// A hit is over: its verdict, and the counts of its window.
     HitOver(Verdict, RunningVariance),
-    /// The codes of the outputs in that window; comes after the end of the hit.
+    /// The codes of the outputs in that window. Comes after [`HitOver`](Event::HitOver).
     HitCodes(RunningVariance),
     /// A hit ended without a verdict.
     HitAborted(AbortReason),
-    /// A pulse train is over, or ended before.
+    /// A pulse train is complete, or ended early.
     PulsesOver(Result<(), AbortReason>),
     /// The force of a calibration is complete.
     CalibrationHolds,
@@ -112,21 +113,21 @@ pub enum Event {
     CalibrationOver(CalibrationEnd),
 }
 
-/// One output, as the console sees it.
+/// Report of one output to the console.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
-    /// Record of this very output.
+    /// Record of this output.
     pub record: Record,
-    /// For telemetry: the same record, or one of the black box while that is read out.
+    /// Record for telemetry: the same one, or a record of the black box while the black box is sent.
     pub streamed: Record,
-    /// What an experiment pushed with at this output.
+    /// Push of the experiment at this output.
     pub push: Force,
-    /// What wall and hand have exchanged up to this output.
+    /// Energy that wall and hand have exchanged up to this output.
     pub port: Exchanged,
     /// The supervisor's state.
     pub status: Status,
-    /// What else goes on.
+    /// The running activity.
     pub activity: Activity,
-    /// Event of this output, if there is one.
+    /// Event of this output.
     pub event: Event,
 }

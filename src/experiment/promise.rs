@@ -1,4 +1,4 @@
-//! A host promises to send `alive` within a time. If it dies with the force on, its silence is found.
+//! A host promises to send `alive` within a time. If the host fails with the force on, its silence is found.
 
 use crate::{
     period::SAMPLES_PER_MS,
@@ -6,10 +6,10 @@ use crate::{
     safety::Doubled,
 };
 
-/// Longest time from one `alive` to the next. 0 unless the host has promised one.
+/// Longest time from one `alive` to the next. The default, 0, is no promise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Promise {
-    /// 0: there is none.
+    /// 0: no promise.
     samples: u32,
 }
 
@@ -19,7 +19,7 @@ impl Promise {
     /// Longest time of a promise, ms.
     const MOST_MS: f64 = 10_000.0;
 
-    /// An `alive` within each `ms`; 0: no promise.
+    /// A promise of an `alive` within each `ms`; 0: no promise.
     ///
     /// # Errors
     /// The time is too short or too long.
@@ -33,11 +33,11 @@ impl Promise {
     }
 }
 
-/// A promise, and when it was last kept.
+/// The host: its promise, and the time of its last `alive`.
 #[derive(Clone, Copy, Debug)]
 pub struct Host {
     promise: Doubled<Promise>,
-    /// Sample of the last output, and sample of the last `alive`.
+    /// Sample of the last output. The next field: sample of the last `alive`.
     now: u32,
     heard: u32,
 }
@@ -49,21 +49,21 @@ impl Default for Host {
 }
 
 impl Host {
-    /// Whether the promise is as it was given. A flipped bit in one of the times is found as silence, or is gone with
-    /// the next `alive`.
+    /// Whether the promise is unchanged. A flipped bit in one of the times is found as silence, or is gone with the
+    /// next `alive`.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.promise.is_whole()
     }
 
-    /// An `alive`, with the promise of the next one.
+    /// Takes an `alive`, with the promise of the next one.
     pub fn hear(&mut self, promise: Promise) {
         self.promise.set(promise);
         self.heard = self.now;
     }
 
-    /// Whether the promise is broken with the output at `sample`, or will be with the next one, `period` samples later.
-    /// It is true once. Only silence with the force on counts.
+    /// Whether the promise is broken at the output of `sample`, or would be at the next output, `period` samples later.
+    /// Returns true once. Only silence with the force on counts.
     #[inline]
     pub fn falls_silent(&mut self, sample: u64, period: u32, on: bool) -> bool {
         #[expect(clippy::cast_possible_truncation, reason = "modulo 2^32, five days")]
@@ -95,7 +95,7 @@ mod tests {
         }
     }
 
-    /// Any bit: some make the time so long that a silent host would not be found.
+    /// Flips every bit. Some flips make the time so long that a silent host would not be found.
     #[test]
     fn a_promise_of_which_a_bit_flips_is_found() {
         let mut host = Host::default();
@@ -118,7 +118,7 @@ mod tests {
             host.hear(Promise::of(200.0).unwrap());
             let found = (1..=3_000)
                 .find(|n| host.falls_silent(begin + n * u64::from(period), period, true));
-            // The output after it is off: no later than promised, and no sooner than an output before that.
+            // The output after it switches off: no later than promised, and at most one output too soon.
             let off = found.unwrap() * u64::from(period) + u64::from(period);
             assert!((2_000..=2_000 + u64::from(period)).contains(&off), "{period}: {off}");
             assert!((1..=3_000).all(|n| !host.falls_silent(begin + 4_000 + n, period, true)));

@@ -1,4 +1,4 @@
-//! A pulse train: four pushes of a handle outside any wall, from which `identify` finds the device.
+//! A pulse train: four pushes of a handle outside any wall. `identify` finds the device from their motion.
 //!
 //! | pulse | push | for |
 //! |---|---|---|
@@ -6,8 +6,8 @@
 //! | 3, 4 | a [`WEAKER`]th of it, and its negative | [`LONG_S`] |
 //!
 //! Each pulse begins at rest at the start, after a return move. It ends with [`REST_S`] without a force, in which the
-//! handle swings freely. Short strong pulses change the force often, which shows the mass and the amplifier's lag. Long
-//! weak pulses reach the same speed over a longer way, which shows damping, spring and friction.
+//! handle swings freely. Short strong pulses change the force often. They show the mass and the amplifier's lag. Long
+//! weak pulses reach the same speed over a longer distance. They show damping, spring and friction.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -24,25 +24,25 @@ use crate::{
 pub const SHORT_S: f64 = 0.05;
 /// Length of the last two, s.
 pub const LONG_S: f64 = 0.2;
-/// How many times weaker than the first two they are.
+/// Factor by which the last two pulses are weaker.
 pub const WEAKER: f64 = 4.0;
-/// How long the handle is left alone after each, s.
+/// Time without a force after each pulse, s.
 pub const REST_S: f64 = 3.0;
 /// Number of pulses in a train.
 pub const PULSES: usize = 4;
-/// Push of each, as part of the force.
+/// Push of each pulse, as part of the force.
 pub const PARTS: [f64; PULSES] = [1.0, -1.0, 1.0 / WEAKER, -1.0 / WEAKER];
-/// Length of each, s.
+/// Length of each pulse, s.
 pub const LENGTHS_S: [f64; PULSES] = [SHORT_S, SHORT_S, LONG_S, LONG_S];
 
-/// What a pulse train is made of.
+/// The parts of a pulse train.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PulseTrainPlan {
-    /// Push of each pulse, and its outputs.
+    /// Push of each pulse, and its length in outputs.
     pub pulses: [(Force, u32); PULSES],
     /// Outputs of rest after each pulse.
     pub rest: u32,
-    /// The return move before each.
+    /// The return move before each pulse.
     pub back: ReturnPlan,
     /// Thermal limits of the motor.
     pub duty: DutyPlan,
@@ -51,13 +51,12 @@ pub struct PulseTrainPlan {
 #[derive(Clone, Copy, Debug)]
 enum Phase {
     Approach(Approach),
-    /// Outputs of the pulse.
+    /// Outputs since the pulse began.
     Push(u32),
-    /// Outputs since the pulse.
+    /// Outputs since the pulse ended.
     Rest(u32),
 }
 
-/// A phase by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
     Approach,
@@ -83,10 +82,10 @@ pub struct PulseTrain {
     rest: u32,
     back: ReturnPlan,
     stands: DutyPlan,
-    /// Pulses that are over.
+    /// Number of complete pulses.
     over: usize,
     phase: Phase,
-    /// Which phase it is, so that a flipped bit begins none.
+    /// Kind of the phase, stored again so that a flipped bit begins none.
     part: Part,
 }
 
@@ -99,7 +98,7 @@ impl PulseTrain {
         Self { pulses: Doubled::new(pulses), rest, back, stands, over: 0, phase, part }
     }
 
-    /// A bit of the pulses' copy has flipped.
+    /// Flips a bit of the pulses' copy.
     #[cfg(test)]
     pub fn spoil(&mut self) {
         let mut pulses = *self.pulses;
@@ -107,7 +106,7 @@ impl PulseTrain {
         self.pulses.spoil(pulses);
     }
 
-    /// Whether its pulses are the ordered ones, and its phase the one that was begun.
+    /// Whether the pulses are the ordered pulses, and the phase is unchanged.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.pulses.is_whole() && self.phase.part() == self.part
@@ -119,10 +118,11 @@ impl PulseTrain {
         self.phase = phase;
     }
 
-    /// The push for this output; none: all pulses are over. `contact`: the handle is inside the wall, which has no force.
+    /// The push for this output. `None`: all pulses are over. `contact`: the handle is inside the wall, which has no
+    /// force.
     ///
     /// # Errors
-    /// It cannot go on; there is no push any more.
+    /// The train cannot continue. There is no push any more.
     pub fn output(
         &mut self,
         position: Position,
@@ -190,7 +190,8 @@ mod tests {
         }
     }
 
-    /// Four pulses of both signs and both lengths, each from rest at the start, with only the return move between them.
+    /// Four pulses of both signs and both lengths. Each begins at rest at the start. Only the return move is between
+    /// them.
     #[test]
     #[cfg_attr(miri, ignore = "four returns in closed loop")]
     fn four_pulses_each_from_rest_at_the_start() {

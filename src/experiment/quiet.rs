@@ -1,10 +1,11 @@
-//! Quiet walls, as a person would call them. At each of [four pushes](PUSHES) the handle rests within a
-//! [count](rms_limit_m), the force changes by less than people can feel, and the wall [stands](QuietWindow::stands).
+//! Walls that a person would call quiet. At each of [four pushes](PUSHES) three conditions hold. The handle rests
+//! within a [count](rms_limit_m). The force changes by less than people can feel. The wall
+//! [stands](QuietWindow::stands): its penetration fits its force.
 //!
-//! At one push a force can rest on a whole count by luck; at four neighbouring pushes it does not. Integers sum up the
-//! motion and the codes while a hit goes on. The functions here are called once, at its end.
+//! At one push a force can rest on a whole count by chance. At four neighbouring pushes it does not. During a hit,
+//! integers sum up the motion and the codes. The functions here are called once, at its end.
 
-/// What counts as stable.
+/// Criterion of a stable wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Criterion {
     /// The RMS of the counts is below its limit, as in the paper.
@@ -15,7 +16,7 @@ pub enum Criterion {
 }
 
 impl Criterion {
-    /// As it is typed.
+    /// The word that a person types.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Rms => "rms",
@@ -26,35 +27,35 @@ impl Criterion {
 
 /// Shares of the push that are tried one after another.
 pub const PUSHES: [f64; 4] = [0.97, 0.99, 1.0, 1.03];
-/// The largest of them.
+/// The largest of these shares.
 pub const PUSH_MAX: f64 = PUSHES[3];
-/// From this share of a force on people feel a difference of two forces (Weber fraction; Jones, Percept. Psychophys.
-/// 45, 1989). The RMS of the force must be below this share of the push if no other limit is set.
+/// Smallest difference of two forces that people feel, as a share of the force (Weber fraction; Jones, Percept.
+/// Psychophys. 45, 1989). The RMS of the force must be below this share of the push, unless another limit is set.
 pub const FORCE_SHARE: f64 = 0.07;
 /// Smallest limit of the RMS of the motion, m.
 const REST_M: f64 = 1e-6;
-/// A wall stands if its penetration is off by less than this share, or by less than a count.
+/// A wall stands if the error of its penetration is below this share, or below a count.
 const STANDS: f64 = 0.1;
 
-/// The RMS of the motion is below this, m: a count, or 1 um at the handle.
+/// Limit of the motion's RMS, m: a count, or 1 um at the handle if that is more.
 pub fn rms_limit_m(resolution_m: f64) -> f64 {
     resolution_m.max(REST_M)
 }
 
-/// What a window shows of force and wall.
+/// Force and wall in a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuietWindow {
     /// RMS of the force about its mean, N.
     pub force_rms_n: f64,
     /// Mean force of the wall, N.
     pub wall_force_n: f64,
-    /// K times the mean penetration, over `wall_force_n`: 1 if K carries the load; `None` if that force is 0.
+    /// K times the mean penetration, over `wall_force_n`. 1 if K carries the load; `None` if `wall_force_n` is 0.
     pub penetration_ratio: Option<f64>,
     /// K times one count, N.
     pub count_n: f64,
 }
 
-/// K times the mean penetration, over the mean force of the wall, if it has any.
+/// K times the mean penetration, over the mean force of the wall. `None` if that force is 0.
 pub fn penetration_ratio(spring_n: f64, wall_force_n: f64) -> Option<f64> {
     (wall_force_n != 0.0).then(|| spring_n / wall_force_n)
 }
@@ -66,7 +67,7 @@ impl QuietWindow {
         self.penetration_ratio.is_some_and(|ratio| libm::fabs(ratio - 1.0) <= off)
     }
 
-    /// The wall stands, and its force rests within that limit.
+    /// Whether the wall stands, and the RMS of its force is below this limit.
     pub fn is_quiet(&self, force_rms_limit_n: f64) -> bool {
         self.force_rms_n < force_rms_limit_n && self.stands()
     }

@@ -1,5 +1,5 @@
-//! The return move: between two hits a soft spring brings the handle slowly to the start. The far end of the spring
-//! moves there at a limited speed.
+//! The return move brings the handle slowly to the start between two hits, by a soft spring. The far end of the spring
+//! moves to the start at a limited speed.
 //!
 //! ```text
 //! r     moves from the handle to the start, by at most `speed`, while r is within `lead` of x;
@@ -10,16 +10,15 @@
 //! ```
 //!
 //! **It moves only towards its start.** Until the handle has passed the start, spring and integral never point away
-//! from it, whoever moves the handle. Only the damper does so, when it brakes a handle that comes faster than `speed`.
+//! from the start, whoever moves the handle. Only the damper does, when it brakes a handle that is faster than `speed`.
 //! So the force can give no handle more speed than `speed + limit / B`.
 //!
 //! **An accepted return starts**: a step of r is within the lead. Otherwise the spring's first step would need more
 //! than `limit`.
 //!
-//! The speed is that of the last eight milliseconds and not the estimator's, so a return works with any
-//! cutoff. The integral finds the force that holds the handle at the start, against a spring or its weight. A
-//! hand that holds the handle on the way does not wind it up. In contact the force only points out of the
-//! wall.
+//! The speed is measured over the last eight milliseconds, without the estimator, so a return works with any cutoff.
+//! The integral finds the force that holds the handle at the start, against a spring or its weight. A hand that holds
+//! the handle on the way does not wind up the integral. In contact the force only points out of the wall.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -29,9 +28,9 @@ use crate::{
     units::{Force, Position},
 };
 
-/// Span of the speed measurement: milliseconds, or outputs if they are more than 1 ms apart.
+/// Span of the speed measurement: milliseconds, or outputs if the outputs are more than 1 ms apart.
 const SPAN: usize = 8;
-/// Outputs for which the handle has to stand at the start, s.
+/// Time for which the handle must rest at the start, s.
 const REST_S: f64 = 0.02;
 /// Fractional bits of the moving reference.
 const FRACTION: u32 = 16;
@@ -39,7 +38,7 @@ const FRACTION: u32 = 16;
 /// The return in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReturnSettings {
-    /// Where a hit starts, m.
+    /// Start of a hit, m.
     pub start_m: f64,
     /// Speed of the reference, m/s: 0.001 to 1.
     pub speed_m_per_s: f64,
@@ -51,9 +50,9 @@ pub struct ReturnSettings {
     pub damping_n_s_per_m: f64,
     /// Integral gain, N/(m s).
     pub integral_n_per_m_s: f64,
-    /// Distance from the start that is near enough, m.
+    /// Largest distance from the start that counts as arrived, m.
     pub tolerance_m: f64,
-    /// Longest time that it may take, s: 0.1 to 60.
+    /// Longest time of the return, s: 0.1 to 60.
     pub timeout_s: f64,
 }
 
@@ -61,18 +60,18 @@ pub struct ReturnSettings {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReturnPlan {
     start: Position,
-    /// Counts per output, 16 fractional bits.
+    /// Step of the reference, counts per output, 16 fractional bits.
     step: i64,
     /// Largest distance of the reference from the handle, counts.
     lead: i32,
     limit: i64,
-    /// Force LSB per count.
+    /// Force per count, LSB.
     stiffness: Gain,
-    /// Force LSB per count by which the error changes in [`SPAN`] times `pace` outputs.
+    /// Force per count by which the error changes in [`SPAN`] times `pace` outputs, LSB.
     damping: Gain,
     /// Outputs from one speed measurement to the next.
     pace: u32,
-    /// Force LSB per count and output.
+    /// Force per count and output, LSB.
     integral: Gain,
     tolerance: u32,
     rest_outputs: u32,
@@ -80,7 +79,7 @@ pub struct ReturnPlan {
 }
 
 impl ReturnSettings {
-    /// Soft enough for a hand to stop it: tuned on the paper's device and on handles of 0.05 to 2 kg, see the tests.
+    /// Soft enough for a hand to stop it. Tuned on the paper's device and on handles of 0.05 to 2 kg, see the tests.
     pub const SOFT: Self = Self {
         start_m: 0.0,
         speed_m_per_s: 0.15,
@@ -92,7 +91,7 @@ impl ReturnSettings {
         timeout_s: 10.0,
     };
 
-    /// Checks, and converts.
+    /// Checks and converts the settings.
     ///
     /// # Errors
     /// Names the first parameter that is out of range, and the range.
@@ -109,14 +108,14 @@ impl ReturnSettings {
         within("return_speed_m_per_s", self.speed_m_per_s, 1e-3..=1.0)?;
         let half = design.full_scale_n / 2.0;
         within("return_force_n", self.force_n, 1e-3 * design.full_scale_n..=half)?;
-        // r has to be able to take its first step.
+        // r must be able to take its first step.
         let stiffest = f64::min(1e4, self.force_n * outputs_per_s / self.speed_m_per_s);
         within("return_stiffness_n_per_m", self.stiffness_n_per_m, 1.0..=stiffest)?;
         within("return_damping_n_s_per_m", self.damping_n_s_per_m, 0.0..=1e3)?;
         within("return_integral_n_per_m_s", self.integral_n_per_m_s, 0.0..=1e5)?;
         within("return_timeout_s", self.timeout_s, 0.1..=60.0)?;
         let counts = |metres: f64| metres / design.resolution_m;
-        // At most 2^20 counts, so that products with the gains stay far from the ends.
+        // At most 2^20 counts, so that products with the gains stay far from the ends of the range.
         let widest = f64::from(1 << 20) * design.resolution_m;
         within("return_tolerance_m", self.tolerance_m, 4.0 * design.resolution_m..=widest)?;
         let lsb_per_n = f64::from(Force::FULL_SCALE.bits()) / design.full_scale_n;
@@ -164,54 +163,55 @@ impl ReturnPlan {
     }
 }
 
-/// What one output of a return leads to.
+/// Result of one output of a return.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReturnStep {
-    /// Go on, with this force.
+    /// The return continues, with this force.
     Push(Force),
-    /// The handle stands at the start.
+    /// The handle rests at the start.
     Arrived,
-    /// It took too long: the handle is held, or something is in its way.
+    /// The return took too long: the handle is held, or something is in its way.
     TooLong,
 }
 
 /// A return in progress.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Return {
-    /// Counts, 16 fractional bits; `None` before the first output.
+    /// Position of r, counts, 16 fractional bits; `None` before the first output.
     reference: Option<i64>,
     integral: i64,
-    /// How far r has moved by its own steps, 16 fractional bits.
+    /// Distance that r has moved by its own steps, 16 fractional bits.
     planned: i64,
-    /// The last distances of that reference from the handle, counts, one each millisecond; next, which of them is the
-    /// oldest.
+    /// The last distances of `planned` from the handle, counts, one each millisecond. The next field: index of the
+    /// oldest one.
     past: [i64; SPAN],
     oldest: usize,
-    /// By how much they have grown, and outputs until the next measurement.
+    /// Change of these distances over the span. The next field: outputs until the next measurement.
     widened: i64,
     left: u32,
-    /// Where the handle stood, and for how many outputs it stayed within half the tolerance.
+    /// Position where the handle rests, and the outputs in which it stayed within half the tolerance.
     rest: (Position, u32),
     outputs: u32,
 }
 
 impl Return {
-    /// Another return, whose first output is still to come.
+    /// Begins another return. Its first output is still to come.
     #[inline(always)]
     pub fn restart(&mut self) {
-        // All other fields are set with the first output. The fields are set one by one, so that nothing is copied.
+        // The first output sets all other fields. The fields are set one by one, so that nothing is copied.
         (self.reference, self.integral, self.planned) = (None, 0, 0);
         (self.widened, self.left, self.outputs) = (0, 0, 0);
     }
 
-    /// The force for this output of a return by that plan, the same each time. `contact`: the handle is inside the wall.
+    /// The force for this output of a return. `plan` must be the same each time. `contact`: the handle is inside the
+    /// wall.
     pub fn output(&mut self, plan: &ReturnPlan, position: Position, contact: bool) -> ReturnStep {
         let x = i64::from(position.counts());
         let start = i64::from(plan.start.counts());
         let target = start << FRACTION;
         let here = x << FRACTION;
         let first = self.reference.is_none();
-        // It lies between handle and start. If the handle overtakes it, it moves along.
+        // The reference lies between handle and start. If the handle overtakes it, the reference moves along.
         let mut reference =
             self.reference.unwrap_or(here).max(here.min(target)).min(here.max(target));
         let step = between(target - reference, plan.step);
@@ -260,7 +260,8 @@ impl Return {
         ReturnStep::Push(Force::saturating_from_bits(i32::try_from(force).unwrap_or_default()))
     }
 
-    /// Near the start, and for the whole time within half the tolerance of one place.
+    /// Whether the handle is near the start, and has stayed within half the tolerance of one position for the whole
+    /// time.
     fn has_arrived(&mut self, plan: &ReturnPlan, position: Position, at_end: bool) -> bool {
         let tolerance = plan.tolerance;
         let (anchor, outputs) = self.rest;
@@ -271,7 +272,7 @@ impl Return {
     }
 }
 
-/// `value` within +-`limit`; unlike `clamp` without a way to panic.
+/// `value` within +-`limit`. Unlike `clamp` it cannot panic.
 fn between(value: i64, limit: i64) -> i64 {
     value.max(-limit).min(limit)
 }

@@ -1,4 +1,4 @@
-//! Population RMS of counts, or of output codes, about their mean, exact in integers.
+//! Population RMS of counts or output codes about their mean. It is exact, in integers.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -22,7 +22,7 @@ impl RmsLimit {
         Self(libm::round(counts * f64::from(1u32 << Self::FRACTION_BITS)) as u32)
     }
 
-    /// A limit of that many 2^-16 counts.
+    /// A limit of `bits` times 2^-16 counts.
     pub const fn from_bits(bits: u32) -> Self {
         Self(bits)
     }
@@ -34,18 +34,18 @@ impl RmsLimit {
     }
 }
 
-/// Sums that give mean and RMS of positions without rounding. Up to 2^24 of them.
+/// Sums that give mean and RMS of at most 2^24 positions without rounding.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RunningVariance {
     samples: u32,
-    /// The first position: differences from it stay small.
+    /// The first position. Differences from it stay small.
     origin: i32,
     sum: i64,
     sum_of_squares: u128,
 }
 
 impl RunningVariance {
-    /// Variance of no position yet.
+    /// The sums before the first position.
     pub const EMPTY: Self = Self { samples: 0, origin: 0, sum: 0, sum_of_squares: 0 };
 
     /// Takes the position of one sample.
@@ -54,7 +54,7 @@ impl RunningVariance {
         self.push_number(position.counts());
     }
 
-    /// Takes a number that is not a count in the same way: the code of an output.
+    /// Takes a number that is no count in the same way: the code of an output.
     #[inline]
     pub fn push_number(&mut self, number: i32) {
         if self.samples == 0 {
@@ -65,8 +65,8 @@ impl RunningVariance {
         self.add(1, difference, u128::from(magnitude * magnitude));
     }
 
-    /// Adds positions that were summed up elsewhere, after the first one: how many, the sum of their differences from
-    /// the first, and the sum of the squares of these.
+    /// Adds positions that were summed up elsewhere. The first position must have been pushed. `samples`: their number.
+    /// `sum`: sum of their differences from the first position. `sum_of_squares`: sum of the squared differences.
     #[inline]
     pub fn add(&mut self, samples: u32, sum: i64, sum_of_squares: u128) {
         self.samples += samples;
@@ -85,11 +85,11 @@ impl RunningVariance {
         self.samples == 0 || self.scatter() < limit.scatter_limit(self.samples)
     }
 
-    /// Whether the RMS is certain to reach `limit` after `total` positions, whatever comes, because the sum of squares
-    /// about the mean never falls.
+    /// Whether the RMS after `total` positions will certainly reach `limit`. It is certain if the sum of squares about
+    /// the mean is already large enough, because this sum never falls.
     pub fn must_reach(&self, limit: RmsLimit, total: u32) -> bool {
-        // scatter / samples is that sum; at the end it has to be at least limit / total. The right
-        // side stays below 2^104, so a left side that saturates is greater.
+        // scatter / samples is this sum. At the end it must be at least limit / total. The right side stays below
+        // 2^104, so a left side that saturates is greater.
         let limit = limit.scatter_limit(total) * u128::from(self.samples);
         self.samples > 0 && self.scatter().saturating_mul(u128::from(total)) >= limit
     }
@@ -119,7 +119,7 @@ impl RunningVariance {
 
 #[cfg(test)]
 impl RunningVariance {
-    /// The sums that `samples` - 1 positions at the far ends of the range can have led to.
+    /// Largest sums after `samples` - 1 positions at the ends of the range.
     pub(crate) fn at_its_widest(samples: u32) -> Self {
         let (before, widest) = (samples - 1, 1i64 << 32);
         Self {

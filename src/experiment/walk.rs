@@ -1,9 +1,9 @@
-//! The boundary walk (paper, 2.2.3): from a stable wall, K up until a hit is unstable; then B up,
-//! and K up or down to the boundary again, until no K is stable.
+//! The boundary walk (paper, 2.2.3). From a stable wall K goes up until a hit is unstable. Then B goes up, and K goes
+//! up or down to the boundary again, until no K is stable.
 //!
-//! K and B are on a grid, so the walk itself uses integers; [`WalkSettings`] turns a [`Cell`] into SI units. A hit
-//! takes seconds on a board, so the walk asks for one [`Cell`] at a time and takes its verdict. Who runs the hit does
-//! not matter to it.
+//! K and B are on a grid, so the walk itself uses integers. [`WalkSettings`] turns a [`Cell`] into SI units. A hit
+//! takes seconds on a board, so the walk returns one [`Cell`] at a time and takes its verdict. Any code may run the
+//! hit.
 
 use core::fmt;
 
@@ -13,7 +13,7 @@ use crate::{SettingsError, limits, range::within};
 /// Grid and caps of a walk, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WalkSettings {
-    /// First K, N/m; must be stable together with the first B.
+    /// First K, N/m. It must be stable together with the first B.
     pub stiffness_start_n_per_m: f64,
     /// Step of K, N/m.
     pub stiffness_step_n_per_m: f64,
@@ -39,10 +39,10 @@ pub struct Cell {
 impl WalkSettings {
     /// Most points that a walk may have along either axis.
     const STEPS_MAX: f64 = 1e6;
-    /// Lowest value where one above 0 is needed: far below any wall, and easy to type.
+    /// Lowest value of numbers that must be above 0. It is far below any wall, and easy to type.
     const SMALLEST: f64 = 1e-9;
 
-    /// Checks every field. A walk begins at a K above 0.
+    /// Checks every field. The first K must be above 0.
     ///
     /// # Errors
     /// Names the first parameter that is out of range, and the range.
@@ -70,27 +70,27 @@ impl WalkSettings {
         self.damping_start_n_s_per_m + f64::from(cell.damping) * self.damping_step_n_s_per_m
     }
 
-    /// What a cell of the boundary adds to the area under it: K dB, N^2 s/m^2.
+    /// Area that a cell of the boundary adds: K dB, N^2 s/m^2.
     pub fn area_n2_s_per_m2(&self, cell: Cell) -> f64 {
         self.stiffness_n_per_m(cell) * self.damping_step_n_s_per_m
     }
 
-    /// Whether K of this cell is on the walk: above 0, and not beyond its cap by more than rounding.
+    /// Whether K of this cell is on the walk: above 0, and at most its cap, apart from rounding.
     fn has_stiffness(&self, cell: Cell) -> bool {
         let slack = ROUNDING * self.stiffness_step_n_per_m;
         let k = self.stiffness_n_per_m(cell);
         k > slack && k <= self.stiffness_max_n_per_m + slack
     }
 
-    /// Whether B of this cell is not beyond its cap by more than rounding.
+    /// Whether B of this cell is at most its cap, apart from rounding.
     fn has_damping(&self, cell: Cell) -> bool {
         let slack = ROUNDING * self.damping_step_n_s_per_m;
         self.damping_n_s_per_m(cell) <= self.damping_max_n_s_per_m + slack
     }
 }
 
-/// Part of a step by which a sum of decimal steps may miss the intended value: 0.1 + 2 * 0.1 is not 0.3. The error of a
-/// million steps is some 1e-10 of a step.
+/// Largest rounding error of a sum of decimal steps, as part of a step. For example, 0.1 + 2 * 0.1 is not 0.3. The
+/// error of a million steps is some 1e-10 of a step.
 const ROUNDING: f64 = 1e-6;
 
 /// Why a walk ended.
@@ -98,9 +98,9 @@ const ROUNDING: f64 = 1e-6;
 pub enum Ended {
     /// No K > 0 was stable at the last B: the boundary is closed.
     Closed,
-    /// B reached its cap; the boundary goes on beyond it.
+    /// B reached its cap. The boundary goes on beyond it.
     DampingMax,
-    /// B reached its cap, and K had reached its own at one point or more before.
+    /// B reached its cap, and before that K had reached its cap at one point or more.
     BothMax,
     /// The boundary is closed, but K reached its cap at one point or more.
     StiffnessMax,
@@ -118,16 +118,16 @@ impl Ended {
     }
 }
 
-/// What a verdict led to.
+/// Result of a verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Step {
-    /// A point of the boundary that is now known.
+    /// A new known point of the boundary.
     pub boundary: Option<Cell>,
-    /// The walk is over.
+    /// Why the walk ended, if it did.
     pub ended: Option<Ended>,
 }
 
-/// Why a walk cannot go on.
+/// Why a walk cannot continue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WalkError {
     /// The wall of the start cell is not stable.
@@ -150,12 +150,12 @@ impl core::error::Error for WalkError {}
 #[derive(Clone, Copy, Debug)]
 enum Phase {
     First,
-    /// K goes up; the cell below the present one is stable.
+    /// K goes up. The cell below the present one is stable.
     Up,
     /// B went up at the same K.
     Across,
     Down,
-    /// The walk is over: each further report gets the same answer.
+    /// The walk is over. Each further report gets the same answer.
     Over(Result<Ended, WalkError>),
 }
 
@@ -179,15 +179,15 @@ impl Walk {
         &self.plan
     }
 
-    /// The cell to hit next. Once the walk is over it stays within the caps.
+    /// The next cell to hit. When the walk is over, it stays within the caps.
     pub fn cell(&self) -> Cell {
         self.cell
     }
 
-    /// Takes the verdict of a hit at [`cell`](Self::cell) and moves on.
+    /// Takes the verdict of a hit at [`cell`](Self::cell), and chooses the next cell.
     ///
     /// # Errors
-    /// The start is unstable, or a hit had no contact; the walk is then over.
+    /// The start is unstable, or a hit had no contact. The walk is then over.
     pub fn report(&mut self, verdict: Verdict) -> Result<Step, WalkError> {
         let here = self.cell;
         let stable = verdict == Verdict::Stable;
@@ -269,16 +269,16 @@ pub struct WalkTotals {
     pub hits: u32,
     /// Points of the boundary.
     pub points: u32,
-    /// Sum of K dB over them, N^2 s/m^2.
+    /// Sum of K dB over the points, N^2 s/m^2.
     pub area: f64,
-    /// Largest K of them, N/m.
+    /// Largest K of the points, N/m.
     pub stiffness_peak_n_per_m: f64,
-    /// Largest B of them, N s/m.
+    /// Largest B of the points, N s/m.
     pub damping_max_n_s_per_m: f64,
 }
 
 impl WalkTotals {
-    /// Takes what a hit led to.
+    /// Adds the result of a hit.
     pub fn add(&mut self, plan: &WalkSettings, step: &Step) {
         self.hits = self.hits.saturating_add(1);
         let Some(cell) = step.boundary else { return };
@@ -304,7 +304,7 @@ mod tests {
         damping_max_n_s_per_m: 1000.0,
     };
 
-    /// Walks along a boundary given as the largest stable K at each B.
+    /// Walks along a boundary, which is given as the largest stable K at each B.
     fn walk(plan: WalkSettings, k_max: impl Fn(f64) -> f64) -> (Vec<(f64, f64)>, usize, Ended) {
         let mut walk = Walk::new(plan);
         let (mut points, mut hits) = (vec![], 0);

@@ -1,6 +1,6 @@
-//! One output after another, without the hardware. The experiment [proposes](Renderer::propose) a push, the wall
-//! [answers](Renderer::answer), safety [grants](Renderer::grant). Then orders are met, the black box is filled and read
-//! out, and the output is reported.
+//! Computes one output after another, without the hardware. The experiment [proposes](Renderer::propose) a push. The
+//! wall [answers](Renderer::answer) with its force. Safety [grants](Renderer::grant) a force. Then an order is carried
+//! out, the black box is filled or sent, and the output is reported.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -21,40 +21,40 @@ use crate::{
 #[cfg(test)]
 mod tests;
 
-/// The sampling task, as orders use it.
+/// Interface of the task `sample` for orders.
 pub trait Sampling {
-    /// From the next sample on these count, whole.
+    /// The parameters hold as a whole from the next sample on.
     fn set_parameters(&mut self, parameters: LoopParameters);
 
-    /// From the next sample on this command counts.
+    /// The command holds from the next sample on.
     fn command(&mut self, command: GuardCommand);
 
     /// Sets the direction of the count.
     fn turn_encoder(&mut self, reversed: bool);
 }
 
-/// Experiment, wall and supervisor, and a black box of `N` records. Owned by the output task.
+/// Experiment, wall and supervisor, and a black box of `N` records. The task `render` owns it.
 #[derive(Clone)]
 pub struct Renderer<const N: usize> {
     supervisor: Supervisor,
     parameters: LoopParameters,
     gains: Doubled<Gains>,
-    /// Counts up with every change of the settings.
+    /// Number of changes of the settings; wraps.
     settings: u16,
     motor_reversed: Doubled<bool>,
     experiments: Experiments,
     history: BlackBox<N>,
-    /// Next record of the black box to send, while it is read out.
+    /// Next record of the black box to send, while its records are sent.
     replay: Option<usize>,
-    /// The black box goes on recording once it has been read out.
+    /// The black box records again when all its records were sent.
     release: bool,
     host: Host,
-    /// Answer to the last order; kept until a report has room for it.
+    /// Answer to the last order. It waits until a report has room for it.
     answer: Event,
 }
 
 impl<const N: usize> Renderer<N> {
-    /// A renderer with nothing going on.
+    /// A renderer without an experiment.
     pub fn new(
         supervisor: Supervisor,
         parameters: LoopParameters,
@@ -77,14 +77,14 @@ impl<const N: usize> Renderer<N> {
         }
     }
 
-    /// The motor is mounted the other way round.
+    /// Whether the motor is mounted the other way round.
     #[inline(always)]
     pub fn motor_reversed(&self) -> bool {
         *self.motor_reversed
     }
 
-    /// Whether plans, parameters and orders that decide a force are as they were put here. They are kept twice; the second
-    /// copy of the parameters is that of the sampling task. Ask this after each output.
+    /// Whether plans, parameters and orders that decide a force are unchanged. They are stored twice. The second copy
+    /// of the parameters is `sampled`, from the task `sample`. Call it after each output.
     #[inline(always)]
     pub fn is_whole(&self, sampled: &LoopParameters) -> bool {
         let signs = self.motor_reversed.is_whole() && self.gains.is_whole();
@@ -92,19 +92,19 @@ impl<const N: usize> Renderer<N> {
         signs && asked && self.host.is_whole() && self.supervisor.is_whole()
     }
 
-    /// What the experiment asks for at this output.
+    /// The push that the experiment proposes for this output.
     #[inline(always)]
     pub fn propose(&self) -> Proposal {
         self.experiments.proposal()
     }
 
-    /// The wall's answer to this motion and this proposal.
+    /// The output for this motion and this proposal: push minus wall.
     #[inline(always)]
     pub fn answer(&self, motion: Motion, proposal: Proposal) -> Drive {
         self.parameters.render(motion, proposal.push)
     }
 
-    /// How much of it safety grants, with the findings of the guard and the board. Put it out, then call
+    /// The force that safety grants, after the findings of guard and board. Write it to the output, then call
     /// [`follow`](Self::follow).
     #[inline(always)]
     pub fn grant(
@@ -119,19 +119,19 @@ impl<const N: usize> Renderer<N> {
         self.supervisor.grant(&self.parameters, up, guard, asked, inputs)
     }
 
-    /// For the sampling task, once the output is out.
+    /// Command for the task `sample`. Call it when the output is written.
     #[inline(always)]
     pub fn command(&self) -> GuardCommand {
         self.supervisor.down()
     }
 
-    /// For the backup RAM, once the output is out.
+    /// Update of the backup RAM, if one is due. Call it when the output is written.
     #[inline(always)]
     pub fn take_memory_update(&mut self) -> Option<MemoryUpdate> {
         self.supervisor.take_memory_update()
     }
 
-    /// Everything of an output that can wait until the force is out. `positions` are those of the samples since the
+    /// The part of an output that can wait until the force is written. `positions`: positions of the samples since the
     /// last output. Returns the output's record.
     #[inline(always)]
     pub fn follow(
@@ -156,27 +156,27 @@ impl<const N: usize> Renderer<N> {
         record
     }
 
-    /// Whether an order can be met: the answer to the last one is reported.
+    /// Whether an order can be carried out, because the answer to the last one was reported.
     #[inline(always)]
     pub fn is_ready(&self) -> bool {
         matches!(self.answer, Event::None)
     }
 
-    /// No force may act any more. If so after an order, switch the output off before the order is answered: a reader of
-    /// the answer may rely on it.
+    /// Whether no force may act any more. If so after an order, switch the output off before the order is answered,
+    /// because a reader of the answer may rely on it.
     #[inline(always)]
     pub fn is_off(&self) -> bool {
         !self.supervisor.status().state.is_on()
     }
 
-    /// Meets an order, or refuses it; the next [`report`](Self::report) has the answer. Check [`is_off`](Self::is_off)
-    /// before that.
+    /// Carries out an order, or refuses it. The next [`report`](Self::report) has the answer. Check
+    /// [`is_off`](Self::is_off) before the report.
     #[inline(always)] // called, it would copy the order once more
     pub fn meet(&mut self, order: Order, sampling: &mut impl Sampling) {
         self.answer = Event::Answer(self.met(order, sampling));
     }
 
-    /// Refuses an order that differs from the one that was given.
+    /// Refuses an order that has changed on its way.
     #[cold]
     pub fn refuse(&mut self) {
         self.answer = Event::Answer(Err(Refusal::Faulted(Fault::Memory)));
@@ -187,10 +187,10 @@ impl<const N: usize> Renderer<N> {
         match order {
             Order::Request(request) => {
                 let result = self.supervisor.request(request);
-                // Now, not with the next output: flash may be written as soon as this is answered.
+                // Now, not with the next output: flash may be written as soon as this order is answered.
                 sampling.command(self.supervisor.down());
                 if result.is_ok() && matches!(request, Request::Clear) {
-                    // A read-out that has begun goes on to its end.
+                    // If records are being sent, all of them are sent first.
                     self.release = self.replay.is_some();
                     if !self.release {
                         self.history.release();
@@ -249,12 +249,12 @@ impl<const N: usize> Renderer<N> {
         }
     }
 
-    /// The report of the output with this record, and of what happened since the last report. Call it only if there is
-    /// room for it, so that records may be lost, but never events.
+    /// The report of the output with this record, and of one event since the last report. Call it only if there is room
+    /// for it. So records may be lost, but never events.
     #[inline(always)]
     pub fn report(&mut self, record: Record) -> Report {
         let activity = self.experiments.activity();
-        // Events of experiments first: one may be the end that a `stop` is answered for.
+        // Events of experiments come first: one may be the end that a `stop` has caused.
         let event = match self.experiments.news() {
             Event::None => &mut self.answer,
             news => news,
@@ -266,7 +266,7 @@ impl<const N: usize> Renderer<N> {
         Report { record, streamed, push, port, status, activity, event }
     }
 
-    /// The next record of the black box in place of the present one, while it is read out.
+    /// The next record of the black box, while its records are sent.
     fn replayed(&mut self) -> Option<Record> {
         let next = self.replay?;
         let record = self.history.get(next).copied();

@@ -1,4 +1,4 @@
-//! The renderer with a real supervisor and a handle, without a board.
+//! The renderer with a real supervisor and a simulated handle, without a board.
 
 use std::vec::Vec;
 
@@ -29,7 +29,7 @@ mod orders;
 mod period;
 mod port;
 
-/// What the sampling task has received.
+/// Parameters, commands and directions that the task `sample` has received.
 #[derive(Default)]
 struct Sampler {
     parameters: Vec<LoopParameters>,
@@ -57,7 +57,7 @@ struct Bench {
     handle: Handle,
     /// Nothing moves the handle.
     held: bool,
-    /// Where the count was zeroed, counts.
+    /// Position at which the count was zeroed, counts.
     zero: i32,
     stored: Stored,
     sensed: Sensed,
@@ -70,7 +70,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// Off, at rest, with the first settings met.
+    /// Off, at rest, with the first settings accepted.
     fn new() -> Self {
         Self::with(DEVICE.safety.build(&DEVICE.design).unwrap())
     }
@@ -123,7 +123,6 @@ impl Bench {
         Position::from_counts(self.handle.position().counts() - self.zero)
     }
 
-    /// One output, with an order or without.
     fn output(&mut self, order: Option<Order>) {
         let before = self.position();
         if !self.held {
@@ -168,7 +167,6 @@ impl Bench {
         }
     }
 
-    /// Gives an order and returns the answer.
     fn order(&mut self, order: Order) -> Result<(), Refusal> {
         self.output(Some(order));
         match self.reports.last().unwrap().event {
@@ -182,7 +180,7 @@ impl Bench {
         assert_eq!(self.order(order), Ok(()), "{order:?}");
     }
 
-    /// Runs until an event: returns after how many outputs, and the event.
+    /// Runs until an event. Returns the number of outputs, and the event.
     fn event(&mut self) -> (u32, Event) {
         for n in 0..100_000 {
             self.output(None);
@@ -229,13 +227,13 @@ fn a_hit_returns_pushes_and_is_judged() {
     bench.stored.push_n = 1.0;
     bench.met(bench.hit());
     assert_eq!(bench.activity(), Activity::Hit);
-    // a push without a wall: no contact; its window is 0.2 s after the return
+    // a push without a wall has no contact; the window of the hit is 0.2 s after the return
     let (outputs, event) = bench.event();
     assert!(matches!(event, Event::HitOver(Verdict::NoContact, _)), "{event:?}");
     assert!((200..2_000).contains(&outputs), "{outputs}");
     assert!(bench.handle.x > 5e-3, "{}", bench.handle.x);
     assert_eq!(bench.activity(), Activity::None);
-    // its push fades, and nothing pushes any more
+    // its push fades, and then there is no push
     bench.run(30);
     assert_eq!(bench.last.force(), Some(Force::ZERO));
 }
@@ -318,7 +316,7 @@ fn a_hit_that_cannot_return_says_so() {
     bench.stored.start_m = -0.02;
     bench.met(bench.hit());
     for n in 0..20_000 {
-        // A hand keeps the handle there and shakes it, because a handle that is held still is a push without motion.
+        // A hand holds the handle there and shakes it. Otherwise this would be a push without motion.
         bench.handle.v = if n / 20 % 2 == 0 { 0.1 } else { -0.1 };
         bench.output(None);
         if let Event::HitAborted(reason) = bench.reports.last().unwrap().event {
@@ -339,7 +337,7 @@ fn a_calibration_holds_goes_on_with_another_force_and_ends_when_the_handle_moves
     let (outputs, event) = bench.event();
     assert!(matches!(event, Event::CalibrationHolds) && (990..1_010).contains(&outputs));
     assert_eq!(bench.renderer.experiments.parts().push.bits(), (1 << 30) / 50);
-    // a held handle is not a stuck encoder; the force goes on from its value
+    // a held handle is no dead encoder; the force continues from its value
     bench.met(Bench::calibrate(20.0));
     bench.run(1);
     assert!(bench.renderer.experiments.parts().push.bits() > (1 << 30) / 50);
@@ -397,7 +395,7 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
     bench.sensed.supply_good = false;
     bench.output(Some(Order::Stop)); // it ends by itself, and the stop is met
     let reports = bench.reports.len();
-    // the answer waits for a report, and the next order waits for that
+    // the answer waits for a report, and the next order waits for the answer
     assert!(!bench.renderer.is_ready());
     bench.output(Some(Order::Request(Request::Zero)));
     bench.run(5);
@@ -411,7 +409,7 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
     assert!(bench.renderer.is_ready());
 }
 
-/// A flipped bit begins an experiment, or makes it another one: the value that is kept beside it then differs.
+/// A flipped bit begins an experiment, or changes its kind. Then the stored kind differs.
 #[test]
 fn an_experiment_that_nobody_began_is_found_after_the_output() {
     let mut bench = Bench::new();
@@ -436,7 +434,7 @@ fn a_copy_that_differs_is_found_after_the_output() {
     }
 }
 
-/// In any experiment; and the motor's thermal limits.
+/// Checks the plan of each experiment, and the motor's thermal limits.
 #[test]
 #[cfg_attr(miri, ignore = "arms in closed loop")]
 fn a_plan_that_is_not_what_was_ordered_is_found() {

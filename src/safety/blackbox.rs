@@ -1,18 +1,16 @@
-//! The last half second before a fault.
+//! The black box: outputs of the last half second before a fault.
 
 #![deny(clippy::float_arithmetic)]
 
 use crate::telemetry::Record;
 
-/// A ring of the newest `N` records, which stops at a fault so that it can be read out.
+/// A ring of the newest `N` records. It stops at a fault, so that its records can be sent.
 ///
-/// 500 records of 40 bytes are half a second at 1 kHz (20 kB). At higher output rates only every `every`-th
-/// output is kept, so the ring still spans half a second. The record that stops the ring is kept in any
-/// case.
+/// 500 records of 40 bytes are half a second at 1 kHz (20 kB). At higher output rates only every `every`-th output is
+/// kept, so the ring still spans half a second. The record that stops the ring is always kept.
 #[derive(Clone, Debug)]
 pub struct BlackBox<const N: usize> {
     records: [Record; N],
-    /// Where the next record goes.
     next: usize,
     len: usize,
     every: u32,
@@ -27,7 +25,7 @@ impl<const N: usize> BlackBox<N> {
         Self { records: [Record::EMPTY; N], next: 0, len: 0, every, skipped: 0, frozen: false }
     }
 
-    /// Which outputs to keep, so that `N` records span at least half a second.
+    /// The smallest `every` with which `N` records span at least half a second.
     pub const fn every(rate_hz: u32, period: u32) -> u32 {
         let period = if period == 0 { 1 } else { period };
         let outputs = rate_hz / period / 2;
@@ -41,8 +39,8 @@ impl<const N: usize> BlackBox<N> {
         self.every = every;
     }
 
-    /// Takes one record per output; `fault` stops the ring with this record in it. Until
-    /// [`release`](Self::release) nothing more is taken.
+    /// Takes one record per output. `fault` stops the ring with this record in it. Then nothing more is taken until
+    /// [`release`](Self::release).
     #[inline]
     pub fn push(&mut self, record: Record, fault: bool) {
         if self.frozen {
@@ -66,7 +64,7 @@ impl<const N: usize> BlackBox<N> {
         self.frozen
     }
 
-    /// Goes on recording, from empty.
+    /// Empties the ring, and records again.
     pub fn release(&mut self) {
         (self.next, self.len, self.skipped, self.frozen) = (0, 0, 0, false);
     }
@@ -76,7 +74,7 @@ impl<const N: usize> BlackBox<N> {
         self.len
     }
 
-    /// Whether there is none.
+    /// Whether the ring has no record.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }

@@ -1,6 +1,6 @@
-//! Finds that the core stood still: time passed without samples.
+//! Finds that the core stood still: time has passed without samples.
 
-/// Compares a clock that a halted core does not stop with the samples taken, from output to output.
+/// Compares a clock, which runs on while the core is halted, with the number of samples, from output to output.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HaltWatch {
     ticks: u16,
@@ -8,11 +8,11 @@ pub struct HaltWatch {
 }
 
 impl HaltWatch {
-    /// Ticks of the clock per sample. The clock wraps after 2^16 ticks, 1.6 s at 10 kHz. A halt of that length or a
-    /// multiple of it, to within an output period, is not found here; the output watchdog has then cleared MOE, which
-    /// is found.
+    /// Ticks of the clock per sample. The clock wraps after 2^16 ticks, 1.6 s at 10 kHz. A halt of this length or a
+    /// multiple of it, give or take an output period, is not found here. But then the output watchdog has cleared MOE,
+    /// which is found.
     pub const TICKS_PER_SAMPLE: u32 = 4;
-    /// No halt, beyond an output period: up to two samples.
+    /// Two samples, which are no halt yet, beyond an output period. Unit: ticks.
     const SLACK: u32 = 2 * Self::TICKS_PER_SAMPLE;
 
     /// Clock and sample at the last output.
@@ -23,9 +23,8 @@ impl HaltWatch {
 
     /// Whether the core stood still for longer than an output period and two samples since the last call.
     ///
-    /// `ticks` is the clock now, `sample` the number of the sample that is answered, `period` the samples from output
-    /// to output. An output that is late by less than a period is not a halt; one that is later answers another
-    /// sample.
+    /// `ticks`: the clock now. `sample`: number of the output's sample. `period`: samples from output to output. An
+    /// output that is late by less than a period is no halt. An output that is later answers another sample.
     #[inline]
     pub fn found(&mut self, ticks: u16, sample: u64, period: u32) -> bool {
         let passed = ticks.wrapping_sub(self.ticks);
@@ -33,7 +32,7 @@ impl HaltWatch {
         let sampled =
             (sample.wrapping_sub(self.sample) as u32).wrapping_mul(Self::TICKS_PER_SAMPLE) as u16;
         (self.ticks, self.sample) = (ticks, sample);
-        // If the output before this one was late, this is below 0, at the upper end of the range.
+        // If the output before this one was late, the difference is negative. Then it is at the upper end of the range.
         let still = u32::from(passed.wrapping_sub(sampled));
         let slack = period * Self::TICKS_PER_SAMPLE + Self::SLACK;
         (slack + 1..u32::from(u16::MAX) - slack).contains(&still)
@@ -46,7 +45,7 @@ mod tests {
 
     use super::*;
 
-    /// Outputs one after another: how late each is, and how long the core stood still before it, in samples. Returns
+    /// Runs outputs. Each has its delay, and the time for which the core stood still before it, in samples. Returns
     /// whether a halt was found at each.
     fn outputs(period: u32, each: &[(f64, f64)]) -> Vec<bool> {
         let mut watch = HaltWatch::default();
@@ -93,7 +92,7 @@ mod tests {
         }
     }
 
-    /// Ticks beyond the samples that are not a halt yet, from both ends of the clock's range.
+    /// Ticks beyond the samples that are no halt yet, at both ends of the clock's range.
     #[test]
     fn an_output_period_and_two_samples_are_no_halt_to_the_tick() {
         let still = |ticks: u16| {

@@ -1,8 +1,8 @@
-//! State that decides a force, kept twice: comparing the two shows a bit that has flipped in one of them.
+//! State that decides a force, stored twice. A comparison of both copies shows a flipped bit in one of them.
 
 use core::ops::Deref;
 
-/// A value and its copy. It is read as the value.
+/// A value and its copy. Reading gives the value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Doubled<T> {
     value: T,
@@ -10,18 +10,18 @@ pub struct Doubled<T> {
 }
 
 impl<T: Copy + PartialEq> Doubled<T> {
-    /// Keeps this value twice.
+    /// Stores this value twice.
     pub const fn new(value: T) -> Self {
         Self { value, copy: value }
     }
 
-    /// Sets another value, with its copy.
+    /// Sets value and copy.
     #[inline(always)]
     pub fn set(&mut self, value: T) {
         *self = Self::new(value);
     }
 
-    /// Whether both are still the same.
+    /// Whether value and copy are equal.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.value == self.copy
@@ -39,7 +39,7 @@ impl<T> Deref for Doubled<T> {
 
 #[cfg(test)]
 impl<T: Copy + PartialEq> Doubled<T> {
-    /// Changes a part of the value.
+    /// Changes the value and its copy.
     pub(crate) fn edit(&mut self, change: impl FnOnce(&mut T)) {
         let mut value = self.value;
         change(&mut value);
@@ -49,7 +49,7 @@ impl<T: Copy + PartialEq> Doubled<T> {
 
 #[cfg(test)]
 impl<T: Copy> Doubled<T> {
-    /// A bit of the copy has flipped.
+    /// Sets only the copy, as a flipped bit would.
     pub(crate) fn spoil(&mut self, copy: T) {
         self.copy = copy;
     }

@@ -1,10 +1,10 @@
-//! Why the output is off: stable numeric codes, and sets of them.
+//! Reasons why the output is off: stable numeric codes, and sets of them.
 
 use core::fmt;
 
 macro_rules! faults {
     ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal;)*) => {
-        /// A reason to switch the output off. Codes are stable: a code is never given a new meaning.
+        /// A reason to switch the output off. Codes are stable: no code ever gets a new meaning.
         ///
         /// | group | about |
         /// |-------|-------|
@@ -19,10 +19,10 @@ macro_rules! faults {
         }
 
         impl Fault {
-            /// All of them, by rising code.
+            /// All faults, by rising code.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
 
-            /// The fault of that code, if there is one.
+            /// The fault with this code, if there is one.
             pub const fn from_code(code: u8) -> Option<Self> {
                 match code {
                     $($code => Some(Self::$name),)*
@@ -30,7 +30,7 @@ macro_rules! faults {
                 }
             }
 
-            /// A short name in plain words.
+            /// A short name for people.
             pub const fn text(self) -> &'static str {
                 match self {
                     $(Self::$name => $text,)*
@@ -41,19 +41,19 @@ macro_rules! faults {
 }
 
 faults! {
-    /// The count changed in one sample by more than the fastest believable speed allows: a bad contact, interference,
-    /// or a counter that was written to. The zero is lost.
+    /// The count changed in one sample by more than the highest believable speed allows. Causes: a bad contact,
+    /// interference, or a write to the counter. The zero is lost.
     CountJump = 10, "count jump";
     /// The handle is faster than allowed.
     OverSpeed = 11, "over-speed";
     /// The handle is more than 2^30 counts away from zero.
     OutOfRange = 12, "out of range";
-    /// A force outside contact moved nothing, or too little: a dead encoder, a blocked handle, an amplifier without
-    /// power.
+    /// A force outside contact moved the handle too little. Causes: a dead encoder, a blocked handle, an amplifier
+    /// without power.
     PushWithoutMotion = 13, "push without motion";
     /// The small force at `arm` moved the count the wrong way, or too little.
     SignTestFailed = 14, "sign test failed";
-    /// The handle is further from zero than the device's travel, while force is on.
+    /// The handle is outside the device's travel, while force is on.
     BeyondTravel = 15, "beyond travel";
     /// An output was not ready when the next one was due.
     LateRender = 20, "late render";
@@ -63,7 +63,7 @@ faults! {
     WatchdogReset = 22, "watchdog reset";
     /// The processor was reset while force was on.
     ResetWhileArmed = 23, "reset while armed";
-    /// Samples come at another rate than they should.
+    /// The rate of the samples is wrong.
     SampleRate = 24, "sample rate";
     /// The emergency stop opened, or its wire broke, while force was on.
     EmergencyStop = 30, "emergency stop";
@@ -71,9 +71,9 @@ faults! {
     BrownOut = 31, "brown-out";
     /// A debugger halted the processor while force was on.
     Debugger = 32, "debugger halt";
-    /// The crystal or clock input failed; the processor runs on by its internal oscillator.
+    /// The crystal or clock input failed. The processor runs on its internal oscillator.
     ClockFailure = 33, "clock failure";
-    /// The host did not send its next word in the promised time, while force was on.
+    /// The host did not send `alive` in the promised time, while force was on.
     HostSilent = 34, "host silent";
     /// The voltage of the force output does not match its code.
     ForceOutput = 35, "force output";
@@ -83,30 +83,30 @@ faults! {
     Settings = 40, "settings";
     /// The program stopped itself.
     Panic = 41, "panic";
-    /// The processor met an instruction or address that it cannot handle.
+    /// The processor found an instruction or address that it cannot handle.
     HardFault = 42, "hard fault";
     /// A register that decides about the force is not as the program has set it.
     Registers = 43, "registers";
-    /// A number that decides about the force is not the one that was checked.
+    /// A number that decides about the force differs from the checked number.
     Memory = 44, "memory";
-    /// An interrupt came that no task is bound to.
+    /// An interrupt without a task came.
     Interrupt = 45, "unexpected interrupt";
-    /// The program in flash, or the device record, is not what was checked at boot.
+    /// The program in flash, or the device record, is not the one that was checked at boot.
     Image = 46, "image";
 }
 
 impl Fault {
-    /// Its number in status, telemetry and fault memory; never 0.
+    /// The code in status, telemetry and fault memory. It is never 0.
     pub const fn code(self) -> u8 {
         self as u8
     }
 
-    /// Whether the encoder's zero can no longer be trusted: counts may be missing.
+    /// Whether counts may be missing, so that the encoder's zero is lost.
     pub const fn loses_zero(self) -> bool {
         FaultSet::EMPTY.with(self).loses_zero()
     }
 
-    /// Its bit in a [`FaultSet`]: a byte for each group of codes.
+    /// The fault's bit in a [`FaultSet`]. Each group of codes has a byte.
     const fn bit(self) -> u32 {
         let (group, member) = (self.code() / 10, self.code() % 10);
         1 << ((group as u32 * 8 + member as u32).wrapping_sub(8) & 31)
@@ -119,7 +119,7 @@ impl fmt::Display for Fault {
     }
 }
 
-/// A set of faults. Code 10 g + n is bit 8 (g - 1) + n: 10..17 are bits 0..7, 20..27 bits 8..15.
+/// A set of faults. Code 10 g + n is bit 8 (g - 1) + n: 10 to 17 are bits 0 to 7, 20 to 27 bits 8 to 15.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultSet(u32);
 
@@ -132,17 +132,17 @@ impl FaultSet {
         self.0
     }
 
-    /// The set of those bits; bits without a fault stay as they are.
+    /// The set of those bits. Bits that no fault has are kept.
     pub const fn from_bits(bits: u32) -> Self {
         Self(bits)
     }
 
-    /// Whether there is none.
+    /// Whether the set has no fault.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Whether `fault` is one of them.
+    /// Whether `fault` is in the set.
     pub const fn contains(self, fault: Fault) -> bool {
         self.0 & fault.bit() != 0
     }
@@ -160,25 +160,25 @@ impl FaultSet {
         if present { self.with(fault) } else { self }
     }
 
-    /// All that are in either.
+    /// All faults of both sets.
     #[must_use]
     pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// All that are in `self` and not in `other`.
+    /// All faults of `self` that are not in `other`.
     #[must_use]
     pub const fn without(self, other: Self) -> Self {
         Self(self.0 & !other.0)
     }
 
-    /// All that are in both.
+    /// All faults that are in both sets.
     #[must_use]
     pub const fn within(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }
 
-    /// Whether one of them loses the zero.
+    /// Whether a fault of the set loses the zero.
     pub const fn loses_zero(self) -> bool {
         self.0
             & (Fault::CountJump.bit()
@@ -189,7 +189,7 @@ impl FaultSet {
             != 0
     }
 
-    /// The one with the lowest code.
+    /// The fault with the lowest code.
     pub fn first(self) -> Option<Fault> {
         let bit = u8::try_from(self.0.trailing_zeros()).unwrap_or_default(); // at most 32
         Fault::from_code((bit / 8 + 1) * 10 + bit % 8)

@@ -1,5 +1,5 @@
-//! A change of settings without a kick. The push moves towards the new one. What the new wall would add to the force at
-//! once is taken off again, by a correction that fades away. Position and velocity act at once, as always.
+//! Changes settings without a jump of the force. The push moves towards the new push. A correction cancels the force
+//! that the new wall would add at once, and then fades to 0. Position and velocity act at once, as always.
 //!
 //! ```text
 //! push' = towards the new push, by at most slew                      what is left of slew: rest
@@ -8,12 +8,12 @@
 //! force = within(wall, saturate(push' - wall(motion)) + c')
 //! ```
 //!
-//! **What fades is part of the wall, so it has the wall's sign.** `within` limits every force. Outside the wall there
-//! is only the push. Inside a push-only wall the force never exceeds the push, so the wall does not pull, and it stays
-//! within full scale. A correction for which motion leaves no room is dropped, not kept for later.
+//! **The correction is part of the wall, so it has the wall's sign.** `within` limits every force. Outside the wall
+//! there is only the push. Inside a push-only wall the force never exceeds the push, so the wall does not pull. Every
+//! force stays within full scale. If motion leaves no room for a correction, it is dropped and does not come back.
 //!
-//! So at every output the force differs by at most `slew` from what the settings before the change would give, however
-//! often and however much is changed. The exception is a wall that is left: its force is gone at once.
+//! So at every output the force differs by at most `slew` from the force of the settings before the change. This holds
+//! for any number and size of changes. The exception is a wall that the handle leaves: its force is gone at once.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -26,7 +26,7 @@ use crate::{
     wall::Wall,
 };
 
-/// What the last output was made with, and what is still fading.
+/// Wall and push of the last output, and the rest that is still fading.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GainFade {
     kept: Doubled<Kept>,
@@ -35,11 +35,11 @@ pub(super) struct GainFade {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Kept {
     wall: Wall,
-    /// Push of the last output, on its way to the push that is asked for.
+    /// Push of the last output, on its way to the push of the settings.
     push: Force,
-    /// The push has not reached that value yet.
+    /// Whether the push has not reached that value yet.
     pushing: bool,
-    /// Force of the last output beyond what wall and push asked for, LSB of [`Force`]; it fades to 0.
+    /// Difference of the last output's force from the force of wall and push, LSB of [`Force`]. It fades to 0.
     correction: i64,
 }
 
@@ -48,7 +48,7 @@ impl GainFade {
         Self { kept: Doubled::new(Kept { wall, push, pushing: false, correction: 0 }) }
     }
 
-    /// Whether something is fading.
+    /// Whether push or correction is still fading.
     pub fn is_fading(&self) -> bool {
         self.kept.pushing || self.kept.correction != 0
     }
@@ -59,15 +59,14 @@ impl GainFade {
         self.kept.push
     }
 
-    /// Whether it is as the last output left it.
+    /// Whether this state is unchanged since the last output.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.kept.is_whole()
     }
 
-    /// The force now, if the settings ask for `drive` and a step of `slew` is allowed. `held` is the
-    /// force of the last output; after a zero has renamed the motion, it replaces what the old settings would
-    /// give.
+    /// The force now. `drive`: the output of the new settings. `slew`: largest step. `held`: the force of the last
+    /// output, if the command `zero` has renamed the motion. It then replaces the force of the old settings.
     #[inline]
     pub fn force(
         &mut self,
@@ -90,7 +89,7 @@ impl GainFade {
         let step = push.bits().saturating_sub(before).max(-slew).min(slew); // clamp could panic
         let pushed = Force::saturating_from_bits(before + step);
         let rest = i64::from(slew - step.abs());
-        // what push and wall ask for, as far as the actuator can give it
+        // the force of push and wall, as far as the actuator can give it
         let asked = |wall: Demand| i64::from(wall.against(pushed).saturate().0.bits());
         let wanted = asked(drive.wall);
         let base = match held {
@@ -111,7 +110,7 @@ impl GainFade {
     }
 }
 
-/// The nearest force to `bits` that this wall may give against `push`.
+/// The force nearest to `bits` that this wall may give against `push`.
 #[inline]
 fn within(contact: bool, wall: &Wall, push: Force, bits: i64) -> i64 {
     let push = i64::from(push.bits());
@@ -125,7 +124,7 @@ fn within(contact: bool, wall: &Wall, push: Force, bits: i64) -> i64 {
 
 #[cfg(test)]
 impl GainFade {
-    /// A bit of one of its two walls has flipped.
+    /// Flips a bit of one of the two walls.
     pub(super) fn spoil(&mut self) {
         let surface = crate::units::Position::from_counts(1 << 17);
         let wall = Wall { surface, ..self.kept.wall };
@@ -160,7 +159,6 @@ mod tests {
         }
     }
 
-    /// An output with these settings.
     fn give(fade: &mut GainFade, (wall, push): (Wall, Force), at: Motion) -> Force {
         fade.force((&wall, push), at, &drive(&wall, push, at), None, SLEW)
     }
@@ -201,7 +199,7 @@ mod tests {
         }
     }
 
-    /// A zero renames the motion: the force goes on from the last one, and changes only with the push.
+    /// The command `zero` renames the motion. The force continues from its last value, and changes only with the push.
     #[test]
     fn a_force_that_is_held_moves_with_the_push_only() {
         let hard = wall(0, 1e7, 0.0);
@@ -216,7 +214,7 @@ mod tests {
         }
     }
 
-    /// At its surface the old wall gives no force, however much of it still fades.
+    /// At its surface the old wall gives no force, whatever its correction is.
     #[test]
     fn a_wall_that_is_just_left_fades_no_more() {
         let (hard, soft, other) = (wall(0, 1e9, 0.0), wall(0, 0.0, 0.0), wall(-50, 1e7, 0.0));
@@ -226,7 +224,7 @@ mod tests {
         assert_eq!(force.bits(), -SLEW);
     }
 
-    /// A broken one acts on no output, and stays broken for the check after it, while the force moves on.
+    /// A damaged state acts on no output. It stays damaged for the check after the output, while the force moves on.
     #[test]
     fn a_broken_one_is_neither_used_nor_mended() {
         let (soft, hard) = (wall(0, 0.0, 0.0), wall(0, 1e9, 0.0));
@@ -241,9 +239,9 @@ mod tests {
     }
 
     proptest! {
-        /// Against a twin that keeps the old settings for one more output: whatever is changed and however often,
-        /// the force differs from it by at most 5 % of full scale where the handle is in the same walls, and the
-        /// wall has its sign everywhere.
+        /// Compared with a twin that keeps the old settings for one more output, for any changes at any time. Where the
+        /// handle is in the same walls, the forces differ by at most 5 % of full scale. The wall has its sign
+        /// everywhere.
         #[test]
         fn no_change_steps_by_more_than_5_percent_and_none_turns_the_wall_round(
             push_only in any::<bool>(),
@@ -262,7 +260,7 @@ mod tests {
             for (position, velocity, new) in steps {
                 let at = motion(position, velocity / 64);
                 let Kept { push, correction, .. } = *change.kept;
-                // the old settings, without anything that fades in at this output
+                // the old settings, without the correction of this output
                 let old = drive(&now.0, push, at);
                 let was_in = old.contact;
                 let unchanged = i64::from(old.force.bits()) + correction;
@@ -273,7 +271,7 @@ mod tests {
                 let force = i64::from(give(&mut change, now, at).bits());
                 let is_in = now.0.penetration(at.position) > 0;
                 let step = force - unchanged;
-                // A wall that is taken away (never in contact, see `may_change`) is gone at once.
+                // A wall that is taken away is gone at once. This is never done in contact, see `may_change`.
                 prop_assert!(step.abs() <= i64::from(SLEW) || was_in && !is_in, "{step}");
                 let push = i64::from(change.kept.push.bits());
                 if !is_in {

@@ -1,12 +1,10 @@
-//! The half of the supervisor that runs for every sample.
+//! The part of the supervisor that runs for every sample.
 //!
-//! For every sample it finds out whether something is wrong, and then sets [`Step::cut`]. Two things can wait:
-//! noting a fault, and zeroing the count. They are done one at a time, and not with a due sample, which has to ask
-//! for an output. So the longest sample is hardly longer than a quiet one. If every sample is due, they do not
-//! wait.
+//! The guard looks for faults in every sample. After a fault it sets [`Step::cut`]. Two tasks can wait: noting a fault,
+//! and zeroing the count. The guard does one of them at a time. It does neither with a due sample, which requests an
+//! output. So the longest sample is hardly longer than a quiet one. If every sample is due, the two tasks do not wait.
 //!
-//! The order of the tests follows the Cortex-M4's number of registers; `tests/elf/control/budget.rs` checks the
-//! cycles.
+//! The order of the checks suits the Cortex-M4's number of registers. `tests/elf/control/budget.rs` checks the cycles.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -23,25 +21,24 @@ use crate::{
     velocity::Senses,
 };
 
-/// Message from `render` to `sample`: all that the guard needs, already computed.
+/// Message from `render` to `sample`, with all numbers that the guard needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GuardCommand {
-    /// Low 32 bits of the sample that the last finished output answered.
+    /// Low 32 bits of the sample of the last finished output.
     pub rendered: u32,
     /// The value of [`Guard::events`] up to which `clear` was given.
     pub acknowledged: u32,
-    /// If it differs from the last one, the count has to be zeroed.
+    /// A value other than the last one requests zeroing of the count.
     pub zeros: Token,
-    /// The force last granted, 0 while off. It has acted since the last sample, except for the time that the output
-    /// took.
+    /// The last granted force, 0 while off. It has acted since the last sample, except for the time of the output.
     pub force: Force,
-    /// A larger move in one sample is a count jump, counts. Without a limit while flash is written, and at the first
+    /// Largest move in one sample that is no count jump, counts. No limit while flash is written, and at the first
     /// sample after that.
     pub jump: u32,
-    /// A higher speed is too fast, LSB of [`Velocity`](crate::units::Velocity). Without a limit while off: a hand may
-    /// move a free handle at any speed.
+    /// Largest allowed speed, LSB of [`Velocity`](crate::units::Velocity). No limit while off: a hand may move a free
+    /// handle at any speed.
     pub speed: u32,
-    /// Flash is being written, which stalls the processor: missing outputs are no fault then. Never set while force is
+    /// Flash is being written, which stalls the processor. Missing outputs are no fault then. Never set while force is
     /// on.
     pub stall: bool,
 }
@@ -50,7 +47,7 @@ impl GuardCommand {
     /// No limit, for `jump` or `speed`.
     pub const ANY: u32 = i32::MAX.cast_unsigned();
 
-    /// As it is before the first output.
+    /// The command before the first output.
     pub const fn start(plan: &SafetyPlan) -> Self {
         Self {
             rendered: plan.period.wrapping_neg(), // as if there had been one
@@ -64,67 +61,68 @@ impl GuardCommand {
     }
 }
 
-/// From `sample` to `render`, with every due sample. What the guard has noted is handed over separately, as [`Guard`].
+/// Report from `sample` to `render`, with every due sample. Noted faults are handed over separately, as [`Guard`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleReport {
     /// Number, position and velocity of the sample.
     pub motion: Motion,
-    /// Faults found with this sample, or with an earlier one and not in [`Guard`] yet.
+    /// Faults of this sample, and faults of an earlier one that are not in [`Guard`] yet.
     pub present: FaultSet,
 }
 
 impl SampleReport {
-    /// Before the first one.
+    /// The report before the first sample.
     pub const BEFORE: Self = Self {
         motion: Motion { sample: 0, position: Position::from_counts(0), velocity: Velocity::ZERO },
         present: FaultSet::EMPTY,
     };
 }
 
-/// One sample under guard.
+/// Result of one guarded sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
     /// The report for `render`, if an output is due.
     pub report: SampleReport,
-    /// An output is due with this very sample.
+    /// Whether an output is due with this sample.
     pub due: bool,
-    /// The output has to be off now: the sampling task switches it off by itself. Set again with every sample until
-    /// `clear`, except a due one, whose report is answered right after it.
+    /// Whether the output must be off now: the task `sample` switches it off by itself. Set again with every sample
+    /// until `clear`, except with a due sample. The report of a due sample is answered right after it.
     pub cut: bool,
-    /// The [`Guard`] was written to.
+    /// Whether the [`Guard`] was changed.
     pub told: bool,
 }
 
-/// A sample, and the counts by which the handle has moved in it.
+/// A sample, and the counts by which the handle has moved since the last one.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
     sampled: Sampled,
     moved: i32,
 }
 
-/// A sample, and what was found with it. If it is not [`quiet`](Self::quiet), [`GuardedSampler::defer`] or
-/// [`GuardedSampler::settle`] has to follow.
+/// A sample, and its faults. If it is not [`quiet`](Self::quiet), call [`GuardedSampler::defer`] or
+/// [`GuardedSampler::settle`] next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[must_use = "what was found is noted by `settle` or `defer`"]
 pub struct Judged {
-    /// Where the handle is and how fast it moves.
+    /// Position and velocity of the handle.
     pub motion: Motion,
-    /// An output is due with this very sample.
+    /// Whether an output is due with this sample.
     pub due: bool,
-    /// Faults that were found with this sample.
+    /// Faults of this sample.
     pub found: FaultSet,
-    /// Nothing was found, nothing waits, and no zero is asked for.
+    /// No fault was found or waits, and no zeroing of the count is requested.
     pub quiet: bool,
 }
 
-/// A [`Sampler`] under guard. Owned by the sampling task.
+/// A [`Sampler`] under guard. The task `sample` owns it.
 #[derive(Clone, Copy, Debug)]
 pub struct GuardedSampler<W = CounterWidth> {
     sampler: Sampler<W>,
-    /// The [`GuardCommand::zeros`] that were met. Turned while the output has to be off, because a fault is not
-    /// cleared, or waits to be noted. So one comparison shows that no zero is asked for and no fault was found.
+    /// The last [`GuardCommand::zeros`] that was carried out. It is turned (`Token::turned`) while the output must be
+    /// off, because a fault is not cleared or waits to be noted. So one comparison shows that no zeroing is requested
+    /// and no fault was found.
     met: Token,
-    /// Found, and not in [`Guard`] yet.
+    /// Faults that were found and are not in [`Guard`] yet.
     waiting: FaultSet,
 }
 
@@ -134,18 +132,18 @@ impl<W: Width> GuardedSampler<W> {
         Self { sampler: Sampler::new(counter, width), met: Token::FIRST, waiting: FaultSet::EMPTY }
     }
 
-    /// The same with the counter's width as a value, for a reader.
+    /// As this one, with the counter's width as a value. For readers in another task.
     pub fn of_any_width(self) -> GuardedSampler {
         let Self { sampler, met, waiting } = self;
         GuardedSampler { sampler: sampler.of_any_width(), met, waiting }
     }
 
-    /// The sampler that it guards.
+    /// The guarded sampler.
     pub const fn sampler(&self) -> &Sampler<W> {
         &self.sampler
     }
 
-    /// How often the count was zeroed; wraps.
+    /// Number of zeroings of the count; wraps.
     #[expect(clippy::cast_possible_truncation, reason = "16 bits")]
     pub const fn zeros(&self) -> u16 {
         self.zeros_met().number() as u16
@@ -155,12 +153,11 @@ impl<W: Width> GuardedSampler<W> {
         self.met.by(self.met.turn())
     }
 
-    /// Takes the encoder counter's reading and returns what it means. Call it once per sample, at a
-    /// constant rate, with the newest [`GuardCommand`]. `senses` is what the board has beside the count;
-    /// the force is that of `down`. `guard` has the findings so far. If it is changed, [`Step::told`] is
-    /// set.
+    /// Takes a reading of the encoder counter. Call it once per sample, at a constant rate, with the newest
+    /// [`GuardCommand`]. `senses`: the board's other senses. The force of `down` replaces their force. `guard`: the
+    /// findings so far. If it changes, [`Step::told`] is set.
     ///
-    /// At a due sample, the output of the due sample before it has to be finished. If `down.rendered` shows that it is
+    /// At a due sample, the output of the due sample before it must be finished. If `down.rendered` shows that it is
     /// not, it is late by a period.
     #[inline]
     pub fn step(
@@ -193,10 +190,10 @@ impl<W: Width> GuardedSampler<W> {
         Measured { sampled, moved: sampled.motion.position.wrapping_since(before) }
     }
 
-    /// The second stage: whether something is wrong.
+    /// The second stage of [`step`](Self::step): finds faults.
     ///
-    /// The caller finishes each case separately. If the cases came together again, each would keep what any of them
-    /// needs, and the quiet one would take longer.
+    /// The caller must finish each case separately. If the cases joined again, each would load the numbers of all
+    /// cases, and the quiet case would take longer.
     #[inline(always)]
     pub fn judge(
         &mut self,
@@ -211,15 +208,14 @@ impl<W: Width> GuardedSampler<W> {
         if !due {
             return self.with_motion(judged, moved, down);
         }
-        // The output of the due sample before this one has to be finished, unless flash was written.
+        // The output of the due sample before this one must be finished, unless flash was written.
         let behind = motion.number().wrapping_sub(down.rendered);
         let found = if behind != control.period.get() && !down.stall {
             cold_path();
             read_anew();
             FaultSet::EMPTY.with(Fault::LateRender).with_if(Fault::Memory, !self.sampler.is_whole())
         } else if !self.sampler.is_whole() {
-            // Position 0 is not where it was set. Due samples are often enough for this check, and are not the longest
-            // samples.
+            // Position 0 has moved. It is enough to check this at due samples, which are not the longest samples.
             cold_path();
             read_anew();
             FaultSet::EMPTY.with(Fault::Memory)
@@ -229,7 +225,7 @@ impl<W: Width> GuardedSampler<W> {
         self.with_motion(Judged { found, ..judged }, moved, down)
     }
 
-    /// Adds the faults of this motion (count jump, over-speed), and whether the sample is quiet.
+    /// Adds the faults of this motion (count jump, over-speed), and sets whether the sample is quiet.
     #[inline(always)]
     fn with_motion(&self, judged: Judged, moved: i32, down: &GuardCommand) -> Judged {
         let jumped = beyond(moved, down.jump);
@@ -242,14 +238,14 @@ impl<W: Width> GuardedSampler<W> {
         Judged { found, quiet: false, ..judged }
     }
 
-    /// For a due sample, unless every sample is due: returns the faults for its report. The output that it asks for
-    /// then stays off. If that output does not come, the next sample switches off.
+    /// For a due sample, unless every sample is due. Returns the faults for its report. The requested output then stays
+    /// off. If this output does not come, the next sample switches off.
     #[inline(always)]
     pub fn defer(&mut self, found: FaultSet, down: &GuardCommand) -> FaultSet {
         let waiting = self.waiting.union(found);
         if !found.is_empty() {
-            // If a bit of an alert has flipped, turning it once more could give the requested zeros, and the next
-            // sample would be quiet.
+            // After a flipped bit in an alert, turning it again could give the token of `down`. The next sample would
+            // then be quiet.
             let met = self.zeros_met().turned();
             if met != down.zeros {
                 self.met = met;
@@ -259,7 +255,7 @@ impl<W: Width> GuardedSampler<W> {
         waiting
     }
 
-    /// For each sample that is not quiet: notes what was found, or zeroes the count.
+    /// For each other sample that is not quiet: notes its faults, or zeroes the count.
     #[inline(always)]
     pub fn settle(&mut self, judged: &Judged, down: &GuardCommand, guard: &mut Guard) -> Step {
         read_anew();
@@ -269,7 +265,7 @@ impl<W: Width> GuardedSampler<W> {
         if down.zeros.number() != self.met.number() {
             cold_path();
             let turn = self.met.turn();
-            // A flipped bit must not zero the count: position 0 would be somewhere else from then on, unnoticed.
+            // A flipped bit must not zero the count: position 0 would then be somewhere else, and nobody would notice.
             if down.zeros.asks_after(self.met.by(turn)) {
                 let turn = if found.is_empty() { turn } else { Turn::HALF };
                 (self.met, self.waiting) = (down.zeros.by(turn), waiting);
@@ -283,7 +279,7 @@ impl<W: Width> GuardedSampler<W> {
         let report = SampleReport { motion, present: found.within(OF_MOTION) };
         let dealt_with = guard.events == down.acknowledged;
         if waiting.is_empty() {
-            // If `clear` has dealt with what was noted, the output may be on again.
+            // If `clear` has covered all noted faults, the output may be on again.
             let turn = if dealt_with { Turn::NONE } else { Turn::HALF };
             self.met = down.zeros.by(turn);
             return Step { report, due, cut: !dealt_with, told: false };
@@ -294,10 +290,10 @@ impl<W: Width> GuardedSampler<W> {
     }
 }
 
-/// Faults that follow from the motion of one sample.
+/// Faults of the motion of one sample.
 const OF_MOTION: FaultSet = FaultSet::EMPTY.with(Fault::CountJump).with(Fault::OverSpeed);
 
-/// The code below reads its numbers from memory again, so that none of them occupies a register until then.
+/// Makes the code below read its numbers from memory again, so that they occupy no register until then.
 #[inline(always)]
 fn read_anew() {
     compiler_fence(SeqCst);
@@ -328,7 +324,7 @@ mod tests {
         }
     }
 
-    /// A wall far away; the estimator is the speed of the last sample.
+    /// Parameters with a wall far away. The estimator is the speed of the last sample.
     fn free() -> LoopParameters {
         let design = Design {
             rate_hz: 10_000.0,
@@ -356,7 +352,7 @@ mod tests {
         stall: true,
     };
 
-    /// What is found at the second sample, after the first at 0 counts.
+    /// Faults of the second sample, if the first is at 0 counts.
     fn second(counts: i32, down: GuardCommand) -> FaultSet {
         let (control, mut guard) = (free(), Guard::NOTHING);
         let mut sampler = GuardedSampler::new(0, CounterWidth::Bits32);
@@ -381,7 +377,7 @@ mod tests {
         }
     }
 
-    /// A flipped bit of the count at position 0 would move every wall. `zero` repairs it.
+    /// A flipped bit of the count at position 0 would move every wall. `zero` repairs this.
     #[test]
     fn a_moved_origin_is_told_once_per_output_until_the_next_zero() {
         for period in [10, 1] {
@@ -410,7 +406,7 @@ mod tests {
         }
     }
 
-    /// An output is late if the one before the due sample is missing, but not while flash is written.
+    /// An output is late if the output before the due sample is missing. While flash is written, it is not.
     #[test]
     fn a_late_output_is_found_with_the_sample_after_the_due_one() {
         for (rendered, stall, late) in
@@ -433,8 +429,8 @@ mod tests {
         }
     }
 
-    /// A flipped bit of the number that asks for a zero, or of the last one that was met, leaves the count as it is. A
-    /// valid request is met after it.
+    /// The count stays as it is after a flipped bit in the token that requests zeroing, or in the last token that was
+    /// carried out. A valid request is still carried out.
     #[test]
     fn a_bit_that_flips_asks_for_no_zero() {
         let control = free();
@@ -460,7 +456,7 @@ mod tests {
         }
     }
 
-    /// Nor does a flipped bit of the request end an alert: until `clear` every sample but a due one switches off.
+    /// A flipped bit of the request does not end an alert: until `clear` every sample but a due one switches off.
     #[test]
     fn a_bit_that_flips_in_an_alert_ends_no_cut() {
         let control = free();
@@ -483,8 +479,8 @@ mod tests {
         }
     }
 
-    /// Nor if a due sample finds another fault: each sample up to the next due one switches off, whichever bit of the
-    /// request or of the last one that was met has flipped, and when.
+    /// Also if a due sample finds another fault: each sample up to the next due one switches off. Every bit of the
+    /// request and of the last token that was carried out flips, at every time.
     #[test]
     fn a_bit_that_flips_before_another_fault_ends_no_cut() {
         let control = free();
@@ -520,7 +516,8 @@ mod tests {
         }
     }
 
-    /// Nor does a flipped bit of the last one that was met end an alert, in the sample that notes what has waited.
+    /// A flipped bit of the last token that was carried out does not end an alert, in the sample that notes a waiting
+    /// fault.
     #[test]
     fn a_bit_that_flips_lets_nothing_on() {
         let control = free();

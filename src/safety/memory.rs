@@ -1,8 +1,7 @@
-//! What a reset must not erase: the first fault, as plain words for backup RAM.
+//! The first fault as words for backup RAM, which a reset does not erase.
 //!
-//! `arm` writes a record that says [`Fault::ResetWhileArmed`], because during a reset the program could not
-//! write one. `disarm` erases this record, and a fault replaces it. So the record that is found after a reset is
-//! right.
+//! `arm` writes a record with [`Fault::ResetWhileArmed`], because the program could not write one during a reset.
+//! `disarm` erases this record, and a fault replaces it. So the record after a reset is right.
 
 use super::{Fault, FaultSet};
 use crate::{
@@ -14,51 +13,51 @@ use crate::{
 /// A fault and its circumstances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FaultRecord {
-    /// The first fault that was found.
+    /// The first fault.
     pub fault: Fault,
-    /// All that were found since, the first among them.
+    /// All faults since then, with the first one.
     pub causes: FaultSet,
-    /// Sample at which it was found, counted from the reset before it.
+    /// Sample of the first fault, counted from the reset before it.
     pub sample: u64,
-    /// Position at the output that latched it, counts.
+    /// Position at the output that latched the fault, counts.
     pub position: Position,
     /// Velocity at that output, counts per sample.
     pub velocity: Velocity,
     /// Force that acted until then.
     pub force: Force,
-    /// Flags of the last output before it.
+    /// Flags of the last output before the fault.
     pub flags: Flags,
 }
 
-/// What `render` asks to be done to the backup RAM.
+/// A change of the backup RAM that `render` requests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MemoryUpdate {
-    /// Write this record to it.
+    /// Write this record.
     Write(FaultRecord),
-    /// Write zeros to all of it.
+    /// Write zeros to all words.
     Erase,
 }
 
-/// Why the processor starts, as its reset flags say.
+/// Why the processor starts, from its reset flags.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResetCause {
-    /// Power came, or fell too low for the processor.
+    /// Power came on, or was too low for the processor.
     Power,
     /// The reset pin, or a debugger.
     Pin,
     /// The watchdog was not fed.
     Watchdog,
-    /// The program asked for it.
+    /// The program requested the reset.
     Software,
 }
 
 impl FaultRecord {
-    /// Words of backup RAM. The 20 backup registers of the real-time clock would do as well.
+    /// Words of backup RAM. They would also fit the 20 backup registers of the real-time clock.
     pub const WORDS: usize = 10;
     /// First word of a record: "ZWF" and the version of the layout.
     const HEAD: u32 = u32::from_le_bytes(*b"ZWF\x01");
 
-    /// A fault of which only the name is known.
+    /// A record of a fault without circumstances.
     pub fn bare(fault: Fault) -> Self {
         Self {
             fault,
@@ -71,14 +70,14 @@ impl FaultRecord {
         }
     }
 
-    /// The same circumstances with another fault: for the panic and HardFault handlers, which only know the last
+    /// The same circumstances with another fault. For the panic and HardFault handlers, which only have the last
     /// record.
     #[must_use]
     pub fn renamed(self, fault: Fault) -> Self {
         Self { fault, causes: self.causes.with(fault), ..self }
     }
 
-    /// As words, the last of them a CRC over the others.
+    /// The record as words. The last word is a CRC over the others.
     #[expect(clippy::cast_possible_truncation, reason = "halves of 64-bit words")]
     pub fn to_words(self) -> [u32; Self::WORDS] {
         let [low, high] = [self.sample as u32, (self.sample >> 32) as u32];
@@ -97,7 +96,7 @@ impl FaultRecord {
         [a, b, c, d, e, f, g, h, i, crc::of_words(&body)]
     }
 
-    /// The record in those words, if they are one: RAM after power-up holds anything.
+    /// The record in those words. `None` if they are no record: RAM after power-up holds anything.
     pub fn from_words(words: &[u32; Self::WORDS]) -> Option<Self> {
         let [body @ .., check] = words;
         if crc::of_words(body) != *check {
@@ -119,7 +118,7 @@ impl FaultRecord {
     }
 }
 
-/// The fault to start with after a reset: `memory` is what the backup RAM holds.
+/// The fault to start with after a reset. `memory` is the content of the backup RAM.
 ///
 /// A recorded fault stays until `clear`. A watchdog reset is a fault in any case.
 pub fn boot_fault(memory: &[u32; FaultRecord::WORDS], reset: ResetCause) -> Option<FaultRecord> {
@@ -167,7 +166,7 @@ mod tests {
         }
     }
 
-    /// For the handlers, which only know the last record.
+    /// For the handlers, which only have the last record.
     #[test]
     fn under_another_name_it_keeps_its_circumstances_and_causes() {
         let renamed = record().renamed(Fault::Panic);

@@ -1,4 +1,4 @@
-//! The supervisor. Only it can give the motor a force, and only while armed.
+//! The supervisor. Only it can grant a force, and only while armed.
 //!
 //! ```text
 //!            SampleReport: motion, what the guard found                    Status, Record
@@ -8,12 +8,11 @@
 //!            GuardCommand: rendered, acknowledged, zeros                 Request
 //! ```
 //!
-//! It works at two priorities without locks: each side owns its half, and hands plain `Copy` records to the
-//! other. [`GuardedSampler`] runs for every sample and finds a count jump, over-speed or a late output. It then
-//! sets [`Step::cut`], and the sampling task switches the output off by itself. [`Supervisor`] runs for every
-//! output: states, ramps, sign test, push without motion, out of range, emergency stop, brown-out, settings. It
-//! answers with an [`OutputCommand`]. Only [`OutputCommand::On`] has a force, and only this module can make
-//! one.
+//! It works at two priorities without locks. Each side owns its half, and hands plain `Copy` records to the other.
+//! [`GuardedSampler`] runs for every sample. It finds a count jump, over-speed or a late output. Then it sets
+//! [`Step::cut`], and the task `sample` switches the output off by itself. [`Supervisor`] runs for every output. It has
+//! the states, the ramps, the sign test and all other checks. It returns an [`OutputCommand`]. Only
+//! [`OutputCommand::On`] has a force, and only this module can make one.
 //!
 //! ```text
 //!  ┌─────┐ arm  ┌──────────┐ moved the right way ┌──────────┐ ramp done ┌───────┐
@@ -25,12 +24,11 @@
 //!       clear    └───────┘
 //! ```
 //!
-//! Times: a fault of the guard is off with its sample or with the output that this sample asks for (with the next
-//! sample, if that output does not come); most others within one output period and one sample. A later fault is noted,
-//! but never replaces the first.
+//! Times: after a fault of the guard the output is off with this sample, or with the output that this sample requests.
+//! If that output does not come, it is off with the next sample. After most other faults it is off within one output
+//! period and one sample. A later fault is noted, but never replaces the first.
 //!
-//! This is not a certified safety system. The emergency stop also has to break the amplifier's
-//! enable in hardware.
+//! This is not a certified safety system. The emergency stop must also break the amplifier's enable in hardware.
 
 mod blackbox;
 mod debug_halt;

@@ -1,22 +1,22 @@
-//! The faults that the guard has noted, and the part of them that the output task may see.
+//! The faults that the guard has noted, and the part of them that the task `render` may see.
 
 #![deny(clippy::float_arithmetic)]
 
 use super::FaultSet;
 use crate::Motion;
 
-/// What the guard found since the last `clear`.
+/// Findings of the guard since the last `clear`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Guard {
     /// Number of samples with a finding since the reset; wraps.
     pub events: u32,
-    /// How often the count was zeroed; wraps.
+    /// Number of zeroings of the count; wraps.
     pub zeros: u32,
-    /// Faults found first, with those of the next one or two samples if noting had to wait.
+    /// First faults, with those of the next one or two samples if noting had to wait.
     pub first: FaultSet,
-    /// The sample at which it was noted, low 32 bits: that of the finding, or up to two later.
+    /// Sample at which the first faults were noted, low 32 bits: their own sample, or up to two later.
     pub first_sample: u32,
-    /// All that was found.
+    /// All faults that were found.
     pub causes: FaultSet,
 }
 
@@ -30,7 +30,7 @@ impl Guard {
         causes: FaultSet::EMPTY,
     };
 
-    /// Notes these faults. They become the first ones if `clear` has dealt with the earlier faults.
+    /// Notes these faults. They become the first ones if `clear` has covered all earlier faults.
     #[inline(always)]
     pub(super) fn note(&mut self, found: FaultSet, sample: u32, dealt_with: bool) {
         if dealt_with {
@@ -40,21 +40,21 @@ impl Guard {
         self.events = self.events.wrapping_add(1);
     }
 
-    /// [`first_sample`](Self::first_sample) in full: the nearest one to that of `motion`, which is before it, or after
-    /// it if `render` is late.
+    /// Full number of [`first_sample`](Self::first_sample): the number nearest to the sample of `motion`. It is later
+    /// than `motion` only if `render` is late.
     pub(super) fn first_found(&self, motion: Motion) -> u64 {
         let away = self.first_sample.wrapping_sub(motion.number()).cast_signed();
         motion.sample.saturating_add_signed(away.into())
     }
 }
 
-/// What the guard found, as the output task sees it: never newer than the sample that is answered.
+/// The guard's findings for the task `render`: never newer than the sample of the output.
 #[derive(Clone, Copy, Debug)]
 pub struct GuardView {
     newest: Guard,
-    /// Sample with which the guard reported it, low 32 bits.
+    /// Sample at which the guard reported `newest`, low 32 bits.
     told_at: u32,
-    /// [`Guard::zeros`] up to the sample that was answered last.
+    /// [`Guard::zeros`] up to the sample of the last output.
     zeros: u32,
 }
 
@@ -68,7 +68,7 @@ impl GuardView {
         (self.newest, self.told_at) = (newest, told_at);
     }
 
-    /// The guard's findings as of this sample, without a zero that was carried out later.
+    /// The guard's findings at this sample, without a later zero.
     #[inline(always)]
     pub fn at(&mut self, sample: u32) -> Guard {
         let mut guard = self.newest;
@@ -89,7 +89,7 @@ mod tests {
         let told = |zeros| Guard { zeros, events: zeros, ..Guard::NOTHING };
         let mut view = GuardView::NOTHING;
         view.take(told(1), 12);
-        // the rest of the report counts at once
+        // all other findings count at once
         assert_eq!((view.at(10).zeros, view.at(10).events), (0, 1));
         assert_eq!(view.at(12).zeros, 1);
         view.take(told(2), 5); // the number has wrapped

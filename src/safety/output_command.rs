@@ -1,11 +1,11 @@
-//! What the output may do.
+//! The supervisor's command for the output.
 
 use crate::units::{Force, OutputCode};
 
-/// What the output may do. Only a supervisor that is on grants a force.
+/// Command for the output. Only a supervisor that is on grants a force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OutputCommand {
-    /// Amplifier enable inactive first, then the code of zero force.
+    /// First enable inactive, then the code of zero force.
     Off,
     /// This force may act now.
     On(GrantedForce),
@@ -29,14 +29,14 @@ impl GrantedForce {
         self.force
     }
 
-    /// The same as a DAC or PWM code.
+    /// The force as a DAC or PWM code.
     pub fn command(self) -> OutputCode {
         self.command
     }
 }
 
 impl OutputCommand {
-    /// The force that acts; none while off.
+    /// The force that acts; `None` while off.
     pub fn force(self) -> Option<Force> {
         match self {
             Self::Off => None,

@@ -10,53 +10,53 @@ use crate::{
 };
 
 /// Largest change of the force in a millisecond that does not come from position or velocity: 5 % of full scale, in LSB
-/// of [`Force`]. So a change over the whole range takes 40 ms, one by full scale 20 ms. With outputs more than a
-/// millisecond apart it is the largest step of an output.
+/// of [`Force`]. So a change over the whole range takes 40 ms, and a change by full scale 20 ms. If outputs are more
+/// than a millisecond apart, it is the largest step of an output.
 pub const SLEW: i32 = (1 << Force::FRACTION_BITS) / 20;
 
-/// A force above this without motion is suspicious: 10 % of full scale, in LSB of [`Force`]. It is twice the force with
-/// which the sign test moves the handle, so friction does not explain it.
+/// Largest force that may act without motion for any time: 10 % of full scale, in LSB of [`Force`]. It is twice the
+/// force with which the sign test moves the handle, so friction is no explanation.
 pub(super) const PUSH_FORCE: i32 = (1 << Force::FRACTION_BITS) / 10;
-/// How long it may last, s.
+/// Longest time of a larger force without motion, s.
 pub(super) const PUSH_S: f64 = 0.05;
-/// Fewer counts than this are no motion: a count that flickers at an edge moves by 1, with noise by 2.
+/// Fewest counts that are a motion: a count that flickers at an edge moves by 1, with noise by 2.
 pub(super) const PUSH_COUNTS: u32 = 3;
 /// Binary places of a count in the computed motion of the heaviest handle.
 pub(super) const HEAVIEST_BITS: u32 = 32;
-/// 2^14 counts per output, so that the product with a force fits.
+/// Largest change of speed, 2^14 counts per output, so that the product with a force fits.
 const YIELDS_MAX: u64 = 1 << 46;
 /// Longest duration of the sign test, s.
 pub(super) const SIGN_TEST_S: f64 = 0.1;
-/// `render` counts as stuck without an output for longer than this, s.
+/// Time without an output after which `render` is stuck, s.
 const STUCK_S: f64 = 0.01;
 
-/// Longest output period, s: the sign test needs several outputs.
+/// Longest output period, s. The sign test needs several outputs.
 const RENDER_PERIOD_MAX_S: f64 = 0.0125;
 
-/// What is believable and allowed for a device, SI units.
+/// Believable and allowed values of a device, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SafetySettings {
-    /// Estimated speed beyond which the force is switched off, m/s: 0 < .. < 32767 counts per sample.
+    /// Estimated speed above which the force is switched off, m/s: above 0, and below 32767 counts per sample.
     pub speed_max_m_per_s: f64,
-    /// Fastest speed that the handle can have at all, m/s, at least `speed_max_m_per_s`: a larger
-    /// move from one sample to the next is a count jump. One count is added for quantisation.
+    /// Highest speed that the handle can have at all, m/s, at least `speed_max_m_per_s`. A larger move from one sample
+    /// to the next is a count jump. One count is added for quantisation.
     pub speed_believable_m_per_s: f64,
-    /// Lowest place at which force may be on, from zero, m: at least one and at most 2^30 counts below it.
+    /// Lowest position at which force may be on, m: one to 2^30 counts below zero.
     pub travel_low_m: f64,
-    /// Highest such place, m: one to 2^30 counts above zero.
+    /// Highest position at which force may be on, m: one to 2^30 counts above zero.
     pub travel_high_m: f64,
-    /// Time over which the force comes in after `arm`, s: 0.02 to 10.
+    /// Time over which the force rises after `arm`, s: 0.02 to 10.
     pub ramp_in_s: f64,
     /// Force of the sign test, part of full scale: 0.001 to 0.05.
     pub sign_test_force: f64,
-    /// Answer that the sign test needs, counts: 10 to 2^20. Below 8 quantisation alone could pass it.
+    /// Motion that the sign test needs, counts: 10 to 2^20. Below 8, quantisation alone could pass the test.
     pub sign_test_counts: u32,
-    /// Mass of the heaviest handle that a push may meet, with all that hangs on it, kg: 1e-9 to 1e6. If a push moves
-    /// the count by less than it would move that handle, it is a push without motion.
+    /// Mass of the heaviest handle for a push, with everything that hangs on it, kg: 1e-9 to 1e6. A push that moves the
+    /// count by less than it would move this handle is a push without motion.
     pub heaviest_mass_kg: f64,
-    /// Damping of that handle, N s/m: 0 to 1e6.
+    /// Damping of the heaviest handle, N s/m: 0 to 1e6.
     pub heaviest_damping_n_s_per_m: f64,
-    /// The wall's passivity controller: the most that the handle accelerates, m/s^2; 0: none.
+    /// Largest acceleration of the handle, for the wall's passivity controller, m/s^2; 0: no controller.
     pub passive_acceleration_m_per_s2: f64,
 }
 
@@ -69,10 +69,10 @@ impl SafetySettings {
     pub const SIGN_TEST_COUNTS: RangeInclusive<f64> = 10.0..=1_048_576.0;
     /// Allowed masses of the heaviest handle, kg.
     pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-9..=1e6;
-    /// Allowed dampings of that handle, N s/m.
+    /// Allowed dampings of the heaviest handle, N s/m.
     pub const HEAVIEST_DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e6;
 
-    /// Checks, and converts to counts, samples and outputs.
+    /// Checks the limits, and converts them to counts, samples and outputs.
     ///
     /// # Errors
     /// Names the first parameter that is out of range, and the range.
@@ -91,7 +91,7 @@ impl SafetySettings {
         })?;
         let metres_per_second = design.resolution_m * design.rate_hz; // one count per sample
         let fastest = f64::from(Velocity::LIMIT - 1) * metres_per_second;
-        // At least one LSB of velocity, so that a handle at rest is not too fast.
+        // At least one LSB of velocity: a handle at rest must not be too fast.
         let slowest = metres_per_second / f64::from(1u32 << Velocity::FRACTION_BITS);
         let speed = self.speed_max_m_per_s;
         within("speed_max_m_per_s", speed, slowest..=fastest)?;
@@ -154,7 +154,6 @@ impl SafetySettings {
     }
 }
 
-/// Times of the plan, in samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Samples {
     /// [`SafetyPlan::yields`] and [`SafetyPlan::slows`] for an output with every sample.
@@ -168,7 +167,7 @@ struct Samples {
 }
 
 impl SafetyPlan {
-    /// The wall's passivity controller.
+    /// The wall's passivity controller, if there is one.
     pub fn passivity(&self) -> Option<&Passivity> {
         self.passivity.as_ref()
     }
@@ -178,7 +177,7 @@ impl SafetyPlan {
         let period = period.max(1);
         let Samples { yields, slows, ms, ramp, sign_quarter, push, stuck } = self.samples;
         let per_ms = (ms / period).max(1);
-        // a part of 5 % that is at most 50 of them, so within 32 bits
+        // `period` / `ms` of 5 %: both are at most 50, so the product is within 32 bits
         let slew =
             if period < ms { SLEW.unsigned_abs() * period / ms } else { SLEW.unsigned_abs() };
         let ramp_renders =
@@ -198,7 +197,7 @@ impl SafetyPlan {
             ramp_step: (1 << Force::FRACTION_BITS) / ramp_renders.max(1),
             sign_quarter: sign_quarter / period,
             push_renders: push.div_ceil(period),
-            // a limited value is that of a lighter handle, which may only do less
+            // a limited value only makes the check less strict
             yields: (u64::from(yields) * u64::from(period) * u64::from(period)).min(YIELDS_MAX),
             slows: slows.saturating_mul(period),
             passivity: self.passivity.map(|plan| plan.at(period)),
@@ -207,7 +206,7 @@ impl SafetyPlan {
     }
 }
 
-/// The limits in integers; made by [`SafetySettings::build`].
+/// The limits in integers. Made by [`SafetySettings::build`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SafetyPlan {
     /// Samples from one output to the next.
@@ -222,30 +221,27 @@ pub struct SafetyPlan {
     pub(super) slew: i32,
     /// Outputs in a millisecond, at least one.
     pub(super) per_ms: u32,
-    /// Largest allowed move in `per_ms` outputs, counts; one count is for quantisation.
+    /// Largest allowed move in `per_ms` outputs, counts. It has one count for quantisation.
     pub(super) moved: u32,
-    /// Lowest and highest place with force, counts.
+    /// Lowest and highest position with force, counts.
     pub(super) travel: [i32; 2],
-    /// Outputs over which the force comes in.
+    /// Outputs over which the force rises.
     pub(super) ramp_renders: u32,
     /// Part of the force that one output of the ramp adds, LSB of 2^-30, rounded down.
     pub(super) ramp_step: u32,
     /// Outputs of one of the four parts of the sign test.
     pub(super) sign_quarter: u32,
-    /// Force of the sign test.
     pub(super) sign_force: Force,
-    /// Motion that the sign test has to see, counts.
+    /// Motion that the sign test needs, counts.
     pub(super) sign_counts: i32,
-    /// Outputs for which a push without motion may last.
+    /// Most outputs of a push without motion.
     pub(super) push_renders: u32,
-    /// What full scale adds to the speed of the heaviest handle from one output to the next, LSB of 2^-32 counts per
-    /// output.
+    /// Speed that full scale adds to the heaviest handle from one output to the next, LSB of 2^-32 counts per output.
     pub(super) yields: u64,
-    /// The part of its speed that this handle loses from one output to the next, LSB of 2^-32.
+    /// Part of its speed that this handle loses from one output to the next, LSB of 2^-32.
     pub(super) slows: u32,
-    /// The wall's passivity controller.
     pub(super) passivity: Option<Passivity>,
-    /// Times in samples, from which the numbers of outputs are made.
+    /// Times in samples, from which the numbers of outputs are computed.
     samples: Samples,
 }
 
@@ -290,7 +286,7 @@ pub(super) mod tests {
         assert_eq!((plan.slew, plan.per_ms, plan.stuck), (SLEW, 1, 100));
     }
 
-    /// The same times at every period; with outputs more than a millisecond apart the step stays 5 %.
+    /// The same times at every period. If outputs are more than a millisecond apart, the step stays 5 %.
     #[test]
     fn outputs_that_are_closer_share_the_step_and_the_time() {
         for (period, per_ms) in [(1, 10), (2, 5), (5, 2), (10, 1), (20, 1), (125, 1)] {
@@ -314,7 +310,7 @@ pub(super) mod tests {
         assert!(plan.ramp_step <= plan.slew.unsigned_abs());
     }
 
-    /// From one LSB of velocity to one count below the range of it.
+    /// From one LSB of velocity to one count below its range.
     #[test]
     fn every_speed_that_can_be_told_apart_can_be_a_limit() {
         let build = |speed_max_m_per_s, speed_believable_m_per_s| {

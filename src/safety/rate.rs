@@ -1,14 +1,14 @@
-//! The rate of the samples, against a second clock.
+//! Compares the rate of the samples with a second clock.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use core::hint::cold_path;
 
-/// Outputs in a block, and blocks in a comparison.
+/// Outputs in a block. Also the blocks in a comparison.
 const BLOCK: u32 = 8;
 const BLOCKS: u32 = 8;
 
-/// Ticks that have passed, and ticks that were due.
+/// Ticks that have passed, and ticks that were expected.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ticks {
     passed: u32,
@@ -31,10 +31,11 @@ impl Ticks {
     }
 }
 
-/// Compares samples with a clock of `TICKS` ticks per sample: each 8 outputs, over the last [`RateWatch::OUTPUTS`].
+/// Compares samples with a clock of `TICKS` ticks per sample. A comparison comes after each 8 outputs, over the last
+/// [`RateWatch::OUTPUTS`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RateWatch<const TICKS: u32> {
-    /// Ring buffer of the last blocks; next field, their sum.
+    /// Ring buffer of the last blocks. The next field: their sum.
     blocks: [Ticks; BLOCKS as usize],
     last: Ticks,
     /// Full blocks since the beginning of a comparison.
@@ -46,14 +47,13 @@ pub struct RateWatch<const TICKS: u32> {
 }
 
 impl<const TICKS: u32> RateWatch<TICKS> {
-    /// Outputs in a comparison. A rate that becomes wrong is found within so many outputs and a block
-    /// more.
+    /// Outputs in a comparison. A wrong rate is found within this number of outputs and one more block.
     pub const OUTPUTS: u32 = BLOCKS * BLOCK;
-    /// One tick in this many may be too many or too few: 2 %.
+    /// Allowed error: one tick in this number, 2 %.
     const PART: u32 = 50;
 
     /// Takes the ticks and the samples since the last output. `anew`: time has passed without samples or without the
-    /// clock, which is a fault of its own, so the comparison begins again.
+    /// clock. This is a fault of its own, so the comparison begins again.
     #[inline(always)]
     pub fn follow(&mut self, ticks: u32, samples: u32, anew: bool) {
         if anew {
@@ -69,7 +69,7 @@ impl<const TICKS: u32> RateWatch<TICKS> {
         }
     }
 
-    /// The present block is full.
+    /// Ends the present block, which is full.
     #[inline(never)] // so that the other outputs do not wait
     fn close(&mut self) {
         let block = &mut self.blocks[(self.full % BLOCKS) as usize];
@@ -93,8 +93,8 @@ impl<const TICKS: u32> RateWatch<TICKS> {
 mod tests {
     use super::*;
 
-    /// Outputs each `period` samples, the clock at `rate` times its right rate: the first output at which it is found
-    /// wrong.
+    /// Runs outputs each `period` samples, with the clock at `rate` times its right rate. Returns the first output at
+    /// which the rate is found wrong.
     fn found(period: u32, rate: f64, late: f64) -> Option<u32> {
         let mut watch = RateWatch::<4>::default();
         let mut before = 0u64;
@@ -118,13 +118,13 @@ mod tests {
             for rate in [0.985, 1.0, 1.015] {
                 assert_eq!(found(period, rate, 0.0), None, "{period} {rate}");
             }
-            // An output that is late by a period is not found wrong, nor are outputs with different latencies.
+            // An output that is late by a period is not found wrong. Outputs with different latencies are not either.
             let latest = f64::from(period).min(1.0);
             assert_eq!(found(period, 1.0, latest), None, "{period}");
         }
     }
 
-    /// Whichever output is the first with a wrong clock.
+    /// The first output with a wrong clock may be any output.
     #[test]
     fn a_rate_that_becomes_wrong_is_found_within_a_block_more_than_64_outputs() {
         for (period, ticks) in [(10, 41), (10, 39), (10, 0), (10, 80), (1, 5), (1, 3)] {
@@ -147,7 +147,7 @@ mod tests {
             let mut watch = RateWatch::<4>::default();
             (0..64).for_each(|n| watch.follow(40 + if n == 0 { extra } else { 0 }, 10, false));
             assert_eq!(watch.is_wrong(), wrong, "{extra}");
-            // A halt says nothing about the rate: the last result stays until the next comparison.
+            // A halt gives no result about the rate. The last result stays until the next comparison.
             watch.follow(5000, 10, true);
             assert_eq!(watch.is_wrong(), wrong, "{extra}");
         }

@@ -1,7 +1,7 @@
-//! What acts is read back: the voltage of the force output, and the current of the motor.
+//! Reads back the voltage of the force output and the current of the motor.
 //!
-//! Both are read once per output, at its beginning, when the output before it has had its whole period to settle. See
-//! docs/safety.md.
+//! Both are read once per output, at its beginning. By then the output before it has had its whole period to settle.
+//! See docs/safety.md.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -15,17 +15,17 @@ use crate::{
     units::OutputCode,
 };
 
-/// What an output has put out: its command, and whether it is mirrored about zero force.
+/// The command of a written output, and whether it was mirrored about zero force.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Written {
     /// Code of the output's command.
     pub command: OutputCode,
-    /// The motor is mounted the other way round.
+    /// Whether the motor is mounted the other way round.
     pub mirrored: bool,
 }
 
 impl Written {
-    /// Code relative to zero force, with the sign that the hardware puts out.
+    /// Code relative to zero force, with the sign at the hardware.
     #[inline]
     fn codes(self, zero: i32) -> i32 {
         let codes = self.command.code() - zero;
@@ -33,7 +33,7 @@ impl Written {
     }
 }
 
-/// What converters have read, of [`Readings::RANGE`] codes each; none: no answer.
+/// Readings of the converters, each with a range of [`Readings::RANGE`] codes. `None`: the converter did not answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Readings {
     /// Voltage of the force output.
@@ -51,27 +51,27 @@ impl Readings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutputWatch {
     zero: i32,
-    /// The output follows its command between these codes.
+    /// Codes between which the output follows its command.
     swing: [i32; 2],
 }
 
 impl OutputWatch {
-    /// Largest difference of a reading, codes: 2 % of the range. Offset, gain and linearity of DAC and converter are
-    /// some 1 % together.
+    /// Largest error of a reading, codes: 2 % of the range. Offset, gain and linearity of DAC and converter are
+    /// together some 1 %.
     pub const ALLOWED: i32 = 82;
-    /// Wrong readings in a row: a single one may be a disturbance.
+    /// Wrong readings in a row until a fault. A single one may be a disturbance.
     pub const MISSES: u8 = 2;
 
-    /// For this output; `swing`: lowest and highest code that it surely reaches.
+    /// A check of this output. `swing`: lowest and highest code that it surely reaches.
     ///
     /// # Errors
-    /// There is no such output.
+    /// `bits` or `steps` of the output is out of range.
     pub fn new(output: Output, swing: [i32; 2]) -> Result<Self, SettingsError> {
         Ok(Self { zero: Actuator::new(output)?.zero().code(), swing })
     }
 
-    /// Takes a reading of what was `written` (none: the output is off, and nothing is compared). Returns whether it is
-    /// wrong. `misses`: wrong readings in a row.
+    /// Takes a reading. `written`: the output that was read; `None`: the output is off, and nothing is compared.
+    /// `misses`: wrong readings in a row. Returns whether this is a fault.
     #[inline]
     pub fn follow(&self, misses: &mut u8, written: Option<Written>, read: Option<u16>) -> bool {
         let Some(written) = written else {
@@ -92,26 +92,26 @@ impl OutputWatch {
     }
 }
 
-/// How an amplifier reports its current: a voltage at the board's input for it, as a part of the analogue supply.
+/// How an amplifier reports its current: as a voltage at an input of the board. Unit: part of the analogue supply.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CurrentSettings {
-    /// Voltage without current, as a part of the supply.
+    /// Voltage without current.
     pub rest: f64,
-    /// Voltage with the current of the highest command; that of the lowest command mirrors it about `rest`. Both 0: the
-    /// input is not used.
+    /// Voltage with the current of the highest command. The voltage of the lowest command is its mirror image about
+    /// `rest`. Both 0: the input is not used.
     pub full: f64,
 }
 
 impl CurrentSettings {
     /// The input is not used.
     pub const UNUSED: Self = Self { rest: 0.0, full: 0.0 };
-    /// Least part from rest to full scale. A quarter of it is some 30 codes.
+    /// Least distance from rest to full scale. A quarter of it is some 30 codes.
     pub const LEAST: f64 = 0.03;
 
-    /// In integers; none if the input is not used.
+    /// The check in integers; `None` if the input is not used.
     ///
     /// # Errors
-    /// A voltage is outside the supply, or they are too close.
+    /// A voltage is outside the supply, or the two voltages are too close.
     #[cfg_attr(not(test), expect(clippy::float_arithmetic, reason = "at set-up"))]
     pub fn build(&self, output: Output) -> Result<Option<CurrentWatch>, SettingsError> {
         let Self { rest, full } = *self;
@@ -141,13 +141,13 @@ impl CurrentSettings {
     }
 }
 
-/// Compares the motor's current with the force output: a difference of more than a quarter of full scale, in the mean
-/// over some 13 ms.
+/// Compares the motor's current with the force output. A difference of more than a quarter of full scale, in the mean
+/// over some 13 ms, is a fault.
 ///
-/// The mean is `mean += T (error - mean) / 12.8 ms` with each output of the period T. A difference of x times full
+/// With each output of the period T the mean changes by `T (error - mean) / 12.8 ms`. A difference of x times full
 /// scale is found after `12.8 ms ln(x / (x - 1/4))`: 3.7 ms for full scale, 8.9 ms for half of it. An amplifier with a
-/// time constant of 1 ms causes a mean of at most `2 * 1 / 12.8` = 16 % of full scale, at a step from one end to the
-/// other, so it causes no fault.
+/// time constant of 1 ms causes no fault. Its mean is at most `2 * 1 / 12.8` = 16 % of full scale, at a step from one
+/// end to the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CurrentWatch {
     zero: i32,
@@ -159,16 +159,16 @@ pub struct CurrentWatch {
 impl CurrentWatch {
     /// Largest mean that is no fault, part of full scale.
     pub const ALLOWED: f64 = 0.25;
-    /// What stands for the reading of a converter that does not answer: far from every right one.
+    /// Replaces the reading of a converter that does not answer. It is far from every right reading.
     const NO_ANSWER: i32 = -4096;
-    /// Bits behind the point of the slope.
+    /// Binary places of the slope.
     const SLOPE_BITS: u32 = 16;
-    /// The mean's time, 2^7 samples: 12.8 ms.
+    /// Time of the mean, 2^7 samples: 12.8 ms.
     const MEAN_BITS: u32 = 7;
 
-    /// Takes a reading of what was `written` (none: the output is off), with the samples since the reading before.
-    /// Returns whether the current is wrong. A converter that does not answer is as wrong as can be. `mean`: mean error so far,
-    /// 2^-7 codes.
+    /// Takes a reading. `mean`: mean error so far, 2^-7 codes. `written`: the output that was read; `None`: it is off.
+    /// `samples`: samples since the reading before. A missing answer counts as the largest error. Returns whether the
+    /// current is wrong.
     #[inline]
     pub fn follow(
         &self,
@@ -247,14 +247,15 @@ mod tests {
 
     const SENSE: CurrentSettings = CurrentSettings { rest: 0.5, full: 0.8 };
 
-    /// The reading of an amplifier that gives that part of full scale.
+    /// The reading of an amplifier that gives this part of full scale.
     fn reading(settings: CurrentSettings, part: f64) -> Option<u16> {
         let part = settings.rest + part * (settings.full - settings.rest);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 4095")]
         Some((part * 4096.0) as u16)
     }
 
-    /// Outputs of that many samples until a difference of that part of full scale is found, within a second.
+    /// Time until a difference of this part of full scale is found, s, with outputs each `samples` samples. At most a
+    /// second is tried.
     fn found_s(
         output: Output,
         settings: CurrentSettings,
@@ -306,7 +307,7 @@ mod tests {
     #[test]
     fn an_amplifier_of_160_hz_is_no_fault_whatever_it_is_told() {
         for samples in [1u32, 10] {
-            // steps from one end to the other, as often as may be
+            // steps from one end to the other, as often as possible
             for half in [1, 3, 10, 30, 100] {
                 let (watch, mut mean) = (SENSE.build(DAC).unwrap().unwrap(), 0);
                 let (mut given, step_s) = (0.0, f64::from(samples) * 1e-4);

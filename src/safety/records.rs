@@ -1,4 +1,4 @@
-//! What supervisor and link exchange: plain records for queues.
+//! Records that supervisor and link exchange through queues.
 
 use super::{Fault, FaultRecord, FaultSet};
 
@@ -7,9 +7,9 @@ use super::{Fault, FaultRecord, FaultSet};
 pub enum State {
     /// No force; waits for `arm`.
     Off,
-    /// After `arm`: at most 5 % force for at most 100 ms show whether motor and encoder agree.
+    /// After `arm`: a force of at most 5 %, for at most 100 ms, shows whether motor and encoder agree.
     SignTest,
-    /// The force comes in.
+    /// The force rises.
     RampIn,
     /// The full force acts.
     Armed,
@@ -23,7 +23,7 @@ impl State {
         matches!(self, Self::SignTest | Self::RampIn | Self::Armed)
     }
 
-    /// Name, as replies have it.
+    /// Name of the state in replies.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Off => "off",
@@ -35,51 +35,51 @@ impl State {
     }
 }
 
-/// What the board and the link know, at an output.
+/// Facts that board and link know at an output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Inputs {
-    /// The emergency stop is closed: force is possible.
+    /// The emergency stop is closed, so force is possible.
     pub stop_closed: bool,
     /// The supply is above the limit of the voltage detector.
     pub supply_good: bool,
-    /// The settings in force were accepted, and their gains are inside the envelope, or it is
-    /// unlocked.
+    /// The settings in force were accepted, and their gains are inside the envelope, or it is unlocked.
     pub settings_valid: bool,
     /// A debugger halted the processor since the last output.
     pub halted: bool,
-    /// What the board found wrong with itself.
+    /// Faults that the board found in itself.
     pub found: FaultSet,
 }
 
-/// What a board senses at an output, see [`contract::sense`](crate::contract::sense).
+/// Facts that a board senses at an output, see [`contract::sense`](crate::contract::sense).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sensed {
-    /// The output task has switched the amplifier on, and not off since.
+    /// The task `render` has switched the amplifier on, and not off since.
     pub switched_on: bool,
     /// A debugger halted the processor since the last output.
     pub halted: bool,
     /// The emergency stop was open at some time since the amplifier was switched on.
     pub was_stopped: bool,
-    /// It is closed now.
+    /// The emergency stop is closed now.
     pub stop_closed: bool,
     /// The supply is above the limit of the voltage detector.
     pub supply_good: bool,
-    /// The amplifier is enabled. Read it before the inputs that may switch it off.
+    /// The amplifier is enabled. Read this before the inputs that may switch it off.
     pub enabled: bool,
-    /// Faults that the board found in itself; enable is off then.
+    /// Faults that the board found in itself. Enable is off then.
     pub found: FaultSet,
 }
 
 impl Inputs {
-    /// What this means. `cut`: the sampling task has switched the amplifier off; `settings_valid` as in [`Inputs`].
+    /// The inputs that follow from these facts. `cut`: the task `sample` has switched the amplifier off.
+    /// `settings_valid`: as in [`Inputs`].
     #[inline(always)]
     pub fn of(sensed: Sensed, cut: bool, settings_valid: bool) -> Self {
         let Sensed { switched_on, halted, supply_good, found, .. } = sensed;
-        // A stop that is over before the next output still counts. A halt may set the same flag.
+        // A stop that ends before the next output still counts. A halt may set the same flag.
         let stopped = switched_on && !halted && sensed.was_stopped;
         let stop_closed = sensed.stop_closed && !stopped;
-        // While force is on, enable is dropped only by the emergency stop, the supply detector, the sampling task (it
-        // cut) and the output task (it found). These have faults of their own.
+        // While force is on, only four causes switch enable off: the emergency stop, the supply detector, the task
+        // `sample` (`cut`) and the task `render` (`found`). They have faults of their own.
         let quiet = stop_closed && supply_good && !cut && found.is_empty();
         let dropped = quiet && !sensed.enabled;
         Self {
@@ -92,24 +92,24 @@ impl Inputs {
     }
 }
 
-/// What the link asks for.
+/// A request of the link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
-    /// Sign test, ramp, force.
+    /// Switch the force on: sign test, then ramp.
     Arm,
     /// Switch the force off.
     Disarm,
-    /// Forget the fault, if its cause is gone.
+    /// Clear the fault, if its cause is gone.
     Clear,
-    /// The count becomes 0 here.
+    /// Make the present position zero.
     Zero,
     /// Allow gains beyond the envelope, until the force goes off.
     Unlock,
-    /// Motor or encoder are reversed: the zero is lost.
+    /// Motor or encoder are reversed, so the zero is lost.
     Turn,
     /// Flash is about to be written (`true`), or was (`false`).
     Stall(bool),
-    /// A fault with this code that only the board can see.
+    /// Switch off with this fault, which only the board can find.
     Trip(Fault),
 }
 
@@ -124,27 +124,27 @@ pub enum Refusal {
     StopOpen,
     /// The supply is too low.
     Supply,
-    /// A fault is latched; `clear` comes first.
+    /// A fault is latched: send `clear` first.
     Faulted(Fault),
     /// There is no fault to clear.
     NoFault,
-    /// The cause of the fault is still there.
+    /// The cause of the fault is still present.
     CausePresent(Fault),
-    /// The force is on; `disarm` comes first.
+    /// The force is on: send `disarm` first.
     On,
-    /// Sign test or ramp is going on; wait for its end.
+    /// Sign test or ramp is running: wait for its end.
     Arming,
-    /// The force is not on, or not complete yet; `arm` comes first.
+    /// The force is not on, or not complete yet: send `arm` first.
     NotArmed,
-    /// The handle is in contact; leave the wall first.
+    /// The handle is in contact: leave the wall first.
     Contact,
-    /// The wall covers the place where the handle would be after `zero`.
+    /// The wall covers the position that the handle would have after `zero`.
     WallThere,
     /// A zero is under way.
     Zeroing,
     /// An experiment is running: send `stop` first.
     Busy,
-    /// It needs `unlock envelope` first.
+    /// This needs `unlock envelope` first.
     Locked,
     /// Flash is being written.
     Stalled,
@@ -174,18 +174,18 @@ impl Refusal {
     }
 }
 
-/// The supervisor as the link sees it.
+/// State of the supervisor for the link.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Status {
     /// State of the supervisor.
     pub state: State,
     /// The first fault, while one is latched.
     pub fault: Option<FaultRecord>,
-    /// All causes that were found since, the first among them.
+    /// All causes since then, with the first one.
     pub causes: FaultSet,
-    /// Causes that are there now.
+    /// Causes that are present now.
     pub present: FaultSet,
-    /// The count was zeroed, and the zero was not lost since.
+    /// The count was zeroed, and the zero was not lost since then.
     pub zeroed: bool,
     /// Gains beyond the envelope are allowed.
     pub unlocked: bool,
@@ -196,10 +196,10 @@ pub struct Status {
 }
 
 impl Status {
-    /// Whether `arm` is allowed. All its conditions are here, except flash that is being written.
+    /// Checks all conditions of `arm`, except one: flash that is being written.
     ///
     /// # Errors
-    /// The first thing that is in the way.
+    /// The first condition that is not fulfilled.
     pub fn may_arm(&self) -> Result<(), Refusal> {
         let Inputs { stop_closed, supply_good, settings_valid, .. } = self.inputs;
         let refusal = match self.state {

@@ -1,9 +1,9 @@
-//! Sign test: a small force has to move the count the right way. Otherwise the wall would pull.
+//! Sign test: a small force must move the count the right way. Otherwise the wall would pull.
 //!
 //! The handle may drift, hang from a spring or touch a stop. So the force acts away from the wall, twice towards it,
-//! and away again, a quarter of the time each. The answer is the fourth difference of the count: a steady speed, a
-//! steady outside force and one that changes steadily cancel. The handle ends where it began, with the speed that it
-//! had.
+//! and away again, a quarter of the time each. The result is the fourth difference of the count. A steady speed, a
+//! steady outside force and a steadily changing outside force cancel in it. The handle ends at its first position, with
+//! its first speed.
 //!
 //! ```text
 //! count      x0      x1      x2      x3      x4
@@ -11,15 +11,14 @@
 //! answer = -(x0 - 4 x1 + 6 x2 - 4 x3 + x4)  =  2 f h^2 / m           (h a quarter, m the mass)
 //! ```
 //!
-//! Quantisation changes the answer by less than 8 counts. If the handle cannot move, or its encoder is dead, the answer
-//! is 0, and the test fails as well.
+//! Quantisation changes the result by less than 8 counts. If the handle cannot move, or its encoder is dead, the result
+//! is 0, and the test fails.
 
 #![deny(clippy::float_arithmetic)]
 
 use super::SafetyPlan;
 use crate::units::{Force, Position};
 
-/// A test in progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SignTest {
     outputs: u32,
@@ -27,14 +26,13 @@ pub(super) struct SignTest {
     marks: [Position; 5],
 }
 
-/// What the test says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SignStep {
-    /// Go on, with this force.
+    /// The test continues, with this force.
     Push(Force),
     /// The count moved the right way.
     Passed,
-    /// The count did not do so.
+    /// The count did not move the right way.
     Failed,
 }
 
@@ -44,7 +42,7 @@ impl SignTest {
         Self { outputs: 0, marks: [Position::default(); 5] }
     }
 
-    /// Takes the count at an output. Four quarters of `plan.sign_quarter` outputs, then the answer.
+    /// Takes the count at an output. After four quarters of `plan.sign_quarter` outputs it returns the result.
     pub fn step(&mut self, plan: &SafetyPlan, position: Position) -> SignStep {
         let quarter = self.outputs / plan.sign_quarter.max(1);
         let start = self.outputs.is_multiple_of(plan.sign_quarter.max(1));
@@ -56,7 +54,7 @@ impl SignTest {
         let between = self.outputs - quarter * plan.sign_quarter.max(1) < plan.per_ms;
         self.outputs = self.outputs.saturating_add(1);
         match quarter {
-            // From -f to +f and back in two steps a millisecond apart, each at most 5 % of full scale.
+            // From -f to +f and back in two steps, a millisecond apart, each of at most 5 % of full scale.
             1 | 3 if between => SignStep::Push(Force::ZERO),
             0 | 3 => SignStep::Push(Force::saturating_from_bits(-plan.sign_force.bits())),
             1 | 2 => SignStep::Push(plan.sign_force),
@@ -84,7 +82,7 @@ mod tests {
         velocity_m_per_s: f64,
         /// Steady force from outside, N.
         load_n: f64,
-        /// Motor sign times encoder sign; 0: it cannot move.
+        /// Motor sign times encoder sign; 0: the handle cannot move.
         sign: f64,
         stop_m: f64,
     }
@@ -92,7 +90,7 @@ mod tests {
     const HANDLE: Handle =
         Handle { position_m: 0.0, velocity_m_per_s: 0.0, load_n: 0.0, sign: 1.0, stop_m: -1.0 };
 
-    /// The answer, and outputs with a force.
+    /// Runs a test. Returns its result, and the number of outputs with a force.
     fn test(mut handle: Handle) -> (SignStep, u32) {
         let plan = SETTINGS.build(&DESIGN).unwrap();
         let mut test = SignTest::new();
@@ -142,7 +140,8 @@ mod tests {
         assert_eq!(test(Handle { sign: -1.0, ..HANDLE }).0, SignStep::Failed);
         assert_eq!(test(Handle { sign: 0.0, ..HANDLE }).0, SignStep::Failed);
     }
-    /// Out, in, in and out again; the change between the two in two steps a millisecond apart, at every output period.
+    /// The force goes out, in, in and out again. Each change takes two steps, a millisecond apart, at every output
+    /// period.
     #[test]
     fn the_force_goes_out_in_in_and_out_with_a_step_between() {
         for (period, per_ms, quarter) in [(10, 1, 25), (5, 2, 50), (1, 10, 250)] {

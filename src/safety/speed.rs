@@ -1,6 +1,6 @@
-//! Speed from the counts, each millisecond. The velocity that the sampling task checks is late by the estimator's
-//! delay, half a second at a cutoff of 0.4 Hz. If outputs are closer than a millisecond, a single count between two of
-//! them would be too large a part of the limit.
+//! Computes the speed from the counts of each millisecond. The velocity that the task `sample` checks is late by the
+//! estimator's delay, half a second at a cutoff of 0.4 Hz. If outputs are closer than a millisecond, the counts of a
+//! whole millisecond are used. A single count between two outputs would be too large a part of the limit.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -13,13 +13,13 @@ use crate::units::Position;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SpeedWatch {
     last: Position,
-    /// Outputs until the next check; 0: there was no check yet.
+    /// Outputs until the next check. 0: there was no check yet.
     left: u32,
 }
 
 impl SpeedWatch {
-    /// Takes the position at an output. True if it is farther from the position a millisecond ago than the plan allows.
-    /// `renamed`: the count was zeroed since the last output.
+    /// Takes the position at an output. Returns whether it is farther from the position a millisecond ago than the plan
+    /// allows. `renamed`: the count was zeroed since the last output.
     #[inline]
     pub fn too_fast(&mut self, plan: &SafetyPlan, position: Position, renamed: bool) -> bool {
         if self.left > 1 && !renamed {

@@ -1,14 +1,13 @@
-//! Push without motion: the only sign of a dead encoder in free motion.
+//! Finds a push without motion. In free motion this is the only sign of a dead encoder.
 //!
-//! Two questions, for a force above 10 % of full scale in one direction. Has the count moved at all in the last 50 ms?
-//! Has it moved in each span of 50 ms as far as the heaviest believable handle would? The second question finds an
-//! encoder that drifts, or follows only a part of the motion. The heaviest handle is a mass and a damper, at rest when
-//! the push begins. It is under the acting force less 10 % for friction: `v += (f - 10 %) T^2 / (m r) - v T b / m`, `x
-//! += v`, in counts and outputs.
+//! There are two checks, for a force above 10 % of full scale in one direction. First: the count has moved at all in
+//! the last 50 ms. Second: in each span of 50 ms it has moved as far as the heaviest believable handle would. The
+//! second check finds an encoder that drifts, or follows only a part of the motion. The heaviest handle is a mass and a
+//! damper, at rest when the push begins. The acting force, less 10 % for friction, moves it:
+//! `v += (f - 10 %) T^2 / (m r) - v T b / m`, `x += v`, in counts and outputs.
 //!
-//! A handle that a person holds still counts as such a push too. In contact neither question is asked, because
-//! there the wall holds the handle on purpose. So only the next sign test finds an encoder that dies in
-//! contact.
+//! A handle that a person holds still is also a push without motion. In contact there is no check, because there the
+//! wall holds the handle on purpose. So if an encoder dies in contact, only the next sign test finds it.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -18,24 +17,25 @@ use crate::units::{Force, Position};
 /// A million counts per output, so that a product fits.
 const SPEED_MAX: u64 = (1 << 52) - 1;
 
-/// Watches for a force outside contact that moves nothing, or too little.
+/// Finds a force outside contact that moves the handle too little.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct StuckEncoder {
-    /// The push is into the wall.
+    /// Whether the push is into the wall.
     inward: bool,
-    /// Since the count last moved.
+    /// Counts since the last motion.
     still: Watched,
-    /// Since the last comparison.
+    /// Counts since the last comparison with the heaviest handle.
     far: Watched,
-    /// Speed of the heaviest handle, LSB of 2^-32 counts per output, and its way since that comparison.
+    /// Speed of the heaviest handle, LSB of 2^-32 counts per output. The next field: its travel since the last
+    /// comparison.
     speed: u64,
     way: u64,
 }
 
-/// The count since a watch began.
+/// Range of the count since a watch began.
 #[derive(Clone, Copy, Debug, Default)]
 struct Watched {
-    /// Outputs since then; 0: not watching.
+    /// Outputs since then. 0: not watching.
     outputs: u32,
     lowest: Position,
     highest: Position,
@@ -46,7 +46,7 @@ impl Watched {
         Self { outputs: 1, lowest: position, highest: position }
     }
 
-    /// One more output; returns how far the count has moved, counts.
+    /// Takes one more output. Returns the range of the count so far, counts.
     fn step(&mut self, position: Position) -> u32 {
         self.outputs = self.outputs.saturating_add(1);
         self.lowest = self.lowest.min(position);
@@ -56,9 +56,9 @@ impl Watched {
 }
 
 impl StuckEncoder {
-    /// Takes the force that acted since the last output, and the position after it. True if the force was above 10 % in
-    /// one direction, outside contact, for 50 ms, and the count moved by less than 3, or by less than the heaviest
-    /// handle in a span of 50 ms.
+    /// Takes the force that acted since the last output, and the position after it. Returns whether the count moved too
+    /// little: by less than 3 counts in 50 ms, or by less than the heaviest handle in a span of 50 ms. The force must
+    /// have been above 10 % in one direction, outside contact, for this time.
     #[inline]
     pub fn failed(
         &mut self,

@@ -1,21 +1,20 @@
 //! A numbered request that no flipped bit can forge.
 
-/// A number of 16 bits, above its complement. A number other than the last one is a request.
+/// The upper half is a number of 16 bits, the lower half its complement. A number other than the last one is a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Token(u32);
 
-/// How far a [`Token`] is turned, as the bits that differ. With these bits it is turned back without a branch.
+/// The bits by which a [`Token`] is turned. With them it is turned back without a branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Turn(u32);
 
 impl Turn {
-    /// It is not turned.
     pub(super) const NONE: Self = Self(0);
     pub(super) const HALF: Self = Self(0xFFFF);
 }
 
 impl Token {
-    /// Number 0: nothing was asked for yet.
+    /// Number 0, before the first request.
     pub const FIRST: Self = Self::of(0);
 
     const fn of(number: u16) -> Self {
@@ -35,7 +34,7 @@ impl Token {
         self.0 >> 16
     }
 
-    /// Whether it asks for something that `last` has not asked. Between two valid tokens both halves differ in the same
+    /// Whether this token requests something new after `last`. Between two valid tokens both halves differ in the same
     /// bits. A flipped bit in one of them makes a difference in one half only.
     #[inline(always)]
     pub const fn asks_after(self, last: Self) -> bool {
@@ -43,15 +42,15 @@ impl Token {
         self.number() != last.number() && differs == differs.rotate_right(16)
     }
 
-    /// With the complement replaced by the number: it asks for nothing and equals no request. Turned twice it is itself
-    /// again.
+    /// This token with the number in place of the complement. It is no request and equals no request. To turn it again
+    /// restores the token.
     #[must_use]
     #[inline(always)]
     pub const fn turned(self) -> Self {
         self.by(Turn::HALF)
     }
 
-    /// Turned by this much.
+    /// This token, turned by these bits.
     #[must_use]
     #[inline(always)]
     pub(super) const fn by(self, turn: Turn) -> Self {
@@ -104,7 +103,7 @@ mod tests {
         assert_eq!(token.number(), (NUMBERS + 1) & 0xFFFF);
     }
 
-    /// Nor does memory that holds no token.
+    /// Memory that holds no token requests nothing either.
     #[test]
     fn a_word_of_equal_bits_asks_for_nothing() {
         for bits in [0, u32::MAX] {

@@ -1,17 +1,17 @@
 //! Settings in flash that survive a power cut at any moment.
 //!
-//! Two sectors hold fixed-length records one after another; a save appends one. The newest valid record counts. If a
-//! sector is full, the other one is erased and the next record goes there, so the newest record is never in the
-//! sector that is being erased. A record is valid only if its CRC (its last word) is right. So one that was cut
-//! short does not count, and its place is not used again. If an estimator has more parameters than a record has room
-//! for, the others are in a record of their own. It is written before the main record, and counts only together with
+//! Two sectors hold records of a fixed length, one after another. A save appends a record. The newest valid record
+//! counts. If a sector is full, the other one is erased, and the next record goes there. So the sector with the newest
+//! record is never erased. A record is valid only if its last word is its right CRC. So a record that was cut short
+//! does not count, and its slot is not used again. If an estimator has more parameters than a record can hold, the
+//! others are in a further record. The further record is written before the main record, and counts only together with
 //! it.
 //!
-//! A sector of 16 KiB takes 93 saves; 10 000 erases of both sectors make 1.8 million. Writing flash stalls the
+//! A sector of 16 KiB takes 93 saves. 10 000 erases of both sectors are 1.8 million saves. Writing flash stalls the
 //! processor (16 us a word, up to 0.5 s an erase), so save only with the force off.
 //!
-//! The flash is any [`NorFlash`] of two erase blocks, sector A and sector B. The size of a single write (`WRITE_SIZE`:
-//! 4 bytes on an F4, 8 or 16 on other families) has to divide a record's 176 bytes.
+//! The flash may be any [`NorFlash`] of two erase blocks, sector A and sector B. The size of a single write
+//! (`WRITE_SIZE`: 4 bytes on an F4, 8 or 16 on other families) must divide a record's 176 bytes.
 
 mod record;
 
@@ -22,7 +22,6 @@ use core::fmt;
 use embedded_storage::nor_flash::NorFlash;
 use record::{Further, further_of_words, looks_like_a_record};
 
-/// One of the two erase blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Sector {
     A,
@@ -37,7 +36,7 @@ impl Sector {
         }
     }
 
-    /// Offset of its first byte.
+    /// Offset of the sector's first byte.
     #[expect(clippy::cast_possible_truncation, reason = "offsets of flash have 32 bits")]
     const fn start<F: NorFlash>(self) -> u32 {
         match self {
@@ -46,7 +45,7 @@ impl Sector {
         }
     }
 
-    /// The first byte of a slot.
+    /// Offset of the slot's first byte.
     #[expect(clippy::cast_possible_truncation, reason = "inside the sector")]
     const fn offset<F: NorFlash>(self, slot: usize) -> u32 {
         self.start::<F>() + (slot * RECORD_BYTES) as u32
@@ -55,23 +54,22 @@ impl Sector {
 
 const RECORD_BYTES: usize = size_of::<[u32; RECORD_WORDS]>();
 
-/// A word of erased flash.
 const BLANK: u32 = u32::MAX;
 
-/// Which settings were loaded.
+/// Source of loaded settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// The newest that were saved.
+    /// The newest saved settings.
     Newest,
-    /// Older settings: a later save is damaged, was cut short, or is for an image with other estimators.
+    /// Older settings. A later save is damaged, was cut short, or is for an image with other estimators.
     Older,
-    /// The defaults, because nothing was ever saved. Another program may have left something there.
+    /// The defaults, because nothing was ever saved. Another program may have written to the flash.
     Empty,
-    /// The defaults, because all that was saved is damaged.
+    /// The defaults, because all saved settings are damaged.
     Defaults,
-    /// The defaults, because what was saved is for another device.
+    /// The defaults, because the saved settings are for another device.
     OtherDevice,
-    /// The defaults, because this firmware cannot take what was saved.
+    /// The defaults, because this firmware cannot use the saved settings.
     Unusable,
 }
 
@@ -88,34 +86,34 @@ impl fmt::Display for Source {
     }
 }
 
-/// Settings out of flash.
+/// Settings that were loaded from flash.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Loaded {
-    /// Settings that were saved, or the defaults.
+    /// The saved settings, or the defaults.
     pub stored: Stored,
     /// Source of these settings.
     pub source: Source,
-    /// Damaged or unfinished records in both sectors, and what other programs have left.
+    /// Damaged or unfinished records in both sectors, and words of other programs.
     pub damaged: u32,
 }
 
-/// What a save did.
+/// Result of a save.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Saved {
     /// A new record was written.
     Written,
-    /// The newest record is already the same.
+    /// The newest record already has these settings.
     Unchanged,
 }
 
-/// Why a save failed. What was saved before is still there.
+/// Why a save failed. The settings that were saved before are still there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SaveError<E> {
     /// The hardware refused or failed.
     Flash(E),
-    /// The record does not read back as it was written.
+    /// The record reads back differently.
     Verify,
-    /// A sector is smaller than one record, or there are not two.
+    /// A sector is smaller than one record, or there are fewer than two sectors.
     TooSmall,
 }
 
@@ -125,11 +123,10 @@ impl<E> From<E> for SaveError<E> {
     }
 }
 
-/// What a slot holds.
 enum Slot {
     Blank,
     Damaged,
-    /// Remains of another program.
+    /// Words of another program.
     Foreign,
     Further(u32, Further),
     Record(u32, Stored),
@@ -142,7 +139,7 @@ fn slots<F: NorFlash>() -> usize {
     F::ERASE_SIZE / RECORD_BYTES
 }
 
-/// The words of a slot, if the flash gives them.
+/// The words of a slot, if the flash can be read.
 fn words<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Option<[u32; RECORD_WORDS]> {
     let mut words = [[0; size_of::<u32>()]; RECORD_WORDS];
     flash.read(sector.offset::<F>(slot), words.as_flattened_mut()).ok()?;
@@ -167,16 +164,15 @@ fn slot<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Slot {
     }
 }
 
-/// What a sector holds.
 #[derive(Clone, Copy, Default)]
 struct Content {
     newest: Option<(u32, Stored)>,
-    /// Number of damaged slots; next, of those after the newest record.
+    /// Number of damaged slots. The next field: damaged slots after the newest record.
     damaged: u32,
     damaged_behind: u32,
     /// Number of damaged slots that once held a record.
     records: u32,
-    /// First slot after everything that was ever written.
+    /// First slot after all that were ever written.
     free: usize,
 }
 
@@ -185,7 +181,7 @@ fn scan<F: NorFlash>(flash: &mut F, sector: Sector) -> Content {
     let mut before = None;
     for n in 0..slots::<F>() {
         let (mut found, of_before) = (slot(flash, sector, n), before.take());
-        // of no use without the record after it
+        // useless without the record after it
         if let Slot::Further(sequence, further) = found {
             before = Some((sequence, further));
         }
@@ -221,7 +217,8 @@ fn scan<F: NorFlash>(flash: &mut F, sector: Sector) -> Content {
     content
 }
 
-/// The sector with the newest record, that record, and what both sectors hold (that one first).
+/// The sector with the newest record, this record, and the contents of both sectors. The sector of the record comes
+/// first.
 fn newest<F: NorFlash>(flash: &mut F) -> (Sector, Option<(u32, Stored)>, [Content; 2]) {
     let (a, b) = (scan(flash, Sector::A), scan(flash, Sector::B));
     match (a.newest, b.newest) {
@@ -233,21 +230,21 @@ fn newest<F: NorFlash>(flash: &mut F) -> (Sector, Option<(u32, Stored)>, [Conten
     }
 }
 
-/// Slots that were damaged after the newest record was written: a save or an erase that was cut short.
+/// Slots that were damaged after the newest record was written, by a save or an erase that was cut short.
 ///
-/// If a sector has valid records, it was filled before the active one, so its damage is old. If it only has remains of
-/// another program, it was not in use yet.
+/// If the other sector has valid records, it was filled before the active one, so its damage is old. If it has only
+/// words of another program, it was not in use yet.
 fn damaged_later(active: &Content, other: &Content) -> u32 {
     active.damaged_behind + if is_half_erased(other) { other.records } else { 0 }
 }
 
-/// Its erase was cut short, or another program has left something: it has to be erased first. The active sector may
-/// have room for a record that needs less.
+/// Whether the other sector must be erased before use, because its erase was cut short or another program has written
+/// to it. The active sector may still have room for a smaller record.
 fn is_half_erased(other: &Content) -> bool {
     other.newest.is_none() && other.damaged > 0
 }
 
-/// The newest valid settings, else `defaults`; returns which.
+/// Loads the newest valid settings, else `defaults`. The result has their source.
 pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
     let (_, found, [active, other]) = newest(flash);
     let damaged = active.damaged + other.damaged;
@@ -263,16 +260,16 @@ pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
     Loaded { stored, source, damaged }
 }
 
-/// A NaN is not saved: no console gives one, and it would not equal its copy.
+/// Whether a value is NaN. NaN is not saved: no console gives one, and it would not equal its copy.
 fn has_nan(stored: &Stored) -> bool {
     let same = *stored;
     same != *stored
 }
 
-/// Appends `stored`. A power cut at any moment leaves either what was saved before or `stored`.
+/// Appends `stored`. After a power cut at any moment the flash has the settings from before, or `stored`.
 ///
 /// # Errors
-/// The hardware failed, or the record does not read back; what was saved before is still there.
+/// The hardware failed, or the record reads back differently. The settings from before are still there.
 pub fn save<F: NorFlash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveError<F::Error>> {
     let count = slots::<F>();
     let needed = 1 + usize::from(stored.has_further());
@@ -293,7 +290,7 @@ pub fn save<F: NorFlash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveEr
     };
     let end = Sector::B.start::<F>();
     let (sector, slot) = if found.is_none() && content.damaged + other.damaged > 0 {
-        // There is nothing to keep, and remains would count as newer than this record.
+        // Nothing must be kept. Old words would count as newer than this record.
         [0, end].into_iter().try_for_each(|start| flash.erase(start, start + end))?;
         (Sector::A, 0)
     } else if content.free + needed <= count && !is_half_erased(&other) {

@@ -6,7 +6,7 @@ use crate::{
     velocity::{EstimatorName, PARAMETERS},
 };
 
-/// What is saved: everything that a person sets, and which device it was set for.
+/// Saved settings of a person, and the device that they were set for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stored {
     /// The device that the settings are for.
@@ -19,20 +19,20 @@ pub struct Stored {
     pub push_n: f64,
     /// Directions of motor and encoder.
     pub signs: Signs,
-    /// Where hits start, m.
+    /// Start of hits, m.
     pub start_m: f64,
     /// Time before a hit is judged, s.
     pub settle_s: f64,
-    /// Time over which it is judged, s.
+    /// Time over which a hit is judged, s.
     pub window_s: f64,
     /// Limit of a stable hit's RMS, m.
     pub rms_limit_m: f64,
-    /// What counts as stable.
+    /// Criterion of a stable hit.
     pub criterion: Criterion,
-    /// With the criterion `quiet`, limit of the force's RMS, N; none: [a share](crate::experiment::quiet::FORCE_SHARE)
+    /// Limit of the force's RMS with the criterion `quiet`, N. `None`: [a share](crate::experiment::quiet::FORCE_SHARE)
     /// of the push.
     pub force_rms_limit_n: Option<f64>,
-    /// Force at full command, N: what the calibration found.
+    /// Force at full command, N, from the calibration.
     pub full_scale_n: f64,
     /// Grid and caps of the walk.
     pub grid: WalkSettings,
@@ -41,9 +41,9 @@ pub struct Stored {
 /// The device record to which settings belong.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceKey {
-    /// Name of the device, that of its scene.
+    /// Name of the device, which is the name of its scene.
     pub name: Name,
-    /// Hash of the record; 0 in layouts without a hash.
+    /// Hash of the record. 0 in layouts without a hash.
     pub hash: u32,
 }
 
@@ -51,7 +51,7 @@ impl DeviceKey {
     /// A device without a record.
     ///
     /// # Panics
-    /// If the name is longer than [`Name::LEN`]; a constant of it does not compile.
+    /// The name is longer than [`Name::LEN`]. A constant of such a name does not compile.
     pub const fn of(name: &str) -> Self {
         Self { name: Name::of(name), hash: 0 }
     }
@@ -76,10 +76,10 @@ impl Name {
         Some(Self(bytes))
     }
 
-    /// This name, from a constant. A longer constant does not compile, so no two names become the same.
+    /// This name, from a constant. A longer constant does not compile, so two names never become the same.
     ///
     /// # Panics
-    /// If it is longer than [`LEN`](Self::LEN).
+    /// The name is longer than [`LEN`](Self::LEN).
     pub const fn of(name: &str) -> Self {
         let mut bytes = [0; Self::LEN];
         assert!(name.len() <= Self::LEN, "the name is longer than 16 bytes");
@@ -87,7 +87,7 @@ impl Name {
         Self(bytes)
     }
 
-    /// The name; empty if the bytes are not text.
+    /// The name as text; empty if the bytes are no text.
     pub fn text(&self) -> &str {
         let text = self.0.split(|&byte| byte == 0).next().unwrap_or_default();
         core::str::from_utf8(text).unwrap_or_default()
@@ -112,15 +112,15 @@ impl Name {
 pub struct Signs {
     /// A positive command pushes out of the wall.
     pub motor_reversed: bool,
-    /// The count falls into the wall.
+    /// The count falls when the handle moves into the wall.
     pub encoder_reversed: bool,
 }
 
 /// Flash words of a record.
 pub const RECORD_WORDS: usize = 44;
 
-/// What does not fit into a record: parameters of an estimator after the second, and a limit of the force's RMS. They
-/// are in a record of their own, just before it.
+/// Settings that do not fit into a record: the estimator's parameters after the second one, and a limit of the force's
+/// RMS. A further record, just before the main record, has them.
 pub(super) type Further = [f64; FURTHER + 1];
 const KEPT: usize = 2;
 const FURTHER: usize = PARAMETERS - KEPT;
@@ -130,18 +130,18 @@ const NUMBERS: usize = 17;
 
 /// Version of the layout.
 pub const LAYOUT: u8 = 5;
-/// First word of a record: "ZWS" and that version.
+/// First word of a record: "ZWS" and the version.
 const HEAD: u32 = u32::from_le_bytes([b'Z', b'W', b'S', LAYOUT]);
 /// First word of layout 4, which had only the criterion `rms`.
 const HEAD_4: u32 = u32::from_le_bytes(*b"ZWS\x04");
-/// First word of layout 3, which had a word of flags where the device's hash is now.
+/// First word of layout 3, which had a word of flags in place of the device's hash.
 const HEAD_3: u32 = u32::from_le_bytes(*b"ZWS\x03");
-/// The same of layout 2, which was layout 3 with 0 where the output period is, and this period.
+/// First word of layout 2, which was layout 3 with 0 in place of the output period (1 kHz).
 const HEAD_2: u32 = u32::from_le_bytes(*b"ZWS\x02");
 const PERIOD_2: u32 = 10;
-/// First word of a record of further parameters.
+/// First word of a further record.
 const HEAD_FURTHER: u32 = u32::from_le_bytes(*b"ZWP\x03");
-/// Bits of the flags; the number of the estimator is above them.
+/// Number of flag bits. The number of the estimator is above them.
 const FLAG_BITS: u32 = 8;
 const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
@@ -161,7 +161,7 @@ fn whole(low: u32, high: u32) -> f64 {
     f64::from_bits(u64::from(low) | u64::from(high) << 32)
 }
 
-/// These words, then zeros; the last word is a CRC over the others.
+/// These words, then zeros. The last word is a CRC over the others.
 fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
     let mut words = [0; RECORD_WORDS];
     let [places @ .., check] = &mut words;
@@ -172,9 +172,9 @@ fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
     words
 }
 
-/// Whether these words once were a record, whatever is wrong now: three of the first four bytes are left. Other words
-/// look like that with a probability of one in four million. A valid record of another layout, or with an estimator
-/// that this image lacks, is another image's.
+/// Whether these words look like a damaged record: three of the first four bytes are right. Other words look so with a
+/// probability of one in four million. A valid record of another layout, or with an estimator that this image lacks,
+/// belongs to another image and does not count.
 pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     let [body @ .., check] = words;
     if crc::of_words(body) == *check {
@@ -186,7 +186,7 @@ pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     right.into_iter().filter(|&right| right).count() >= 3
 }
 
-/// Sequence number and content of a record of further parameters, if these words are one.
+/// Sequence number and content of a further record, if these words are one.
 pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Further)> {
     let [body @ .., check] = words;
     let [HEAD_FURTHER, sequence, numbers @ ..] = body else { return None };
@@ -199,13 +199,12 @@ pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Furt
 }
 
 impl Stored {
-    /// Whether some settings do not fit into one record, so that a further record before it has them.
+    /// Whether some settings do not fit into one record, so that a further record is needed.
     pub(super) fn has_further(&self) -> bool {
         let of_estimator = self.settings.velocity.name().parameters()[KEPT].is_some();
         of_estimator || self.force_rms_limit_n.is_some()
     }
 
-    /// The further record, if one is needed.
     pub(super) fn further_to_words(&self, sequence: u32) -> Option<[u32; RECORD_WORDS]> {
         if !self.has_further() {
             return None;
@@ -227,7 +226,7 @@ impl Stored {
         self
     }
 
-    /// As words; the last word is a CRC over the others.
+    /// The settings as words. The last word is a CRC over the others.
     pub fn to_words(&self, sequence: u32) -> [u32; RECORD_WORDS] {
         let (estimator, parameters) = EstimatorName::of(&self.settings.velocity);
         let wall = &self.settings.wall;
@@ -266,8 +265,8 @@ impl Stored {
         )
     }
 
-    /// Sequence number and content of these words, if they are a record of this version or of layout 4, 3 or 2. What is
-    /// in a record of its own is 0.
+    /// Sequence number and content of these words, if they are a record of this layout or of layout 4, 3 or 2. Values
+    /// of a further record are 0.
     pub fn from_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Self)> {
         let [body @ .., check] = words;
         if crc::of_words(body) != *check {
@@ -412,8 +411,8 @@ pub(super) mod tests {
         check[0] = crc::of_words(body);
     }
 
-    /// Settings from before the device record belong to none. Settings from before the output period have that of 1
-    /// kHz.
+    /// Settings from before the device record belong to no device. Settings from before the output period have the
+    /// period of 1 kHz.
     #[test]
     fn records_of_layouts_2_to_4_are_read_and_before_4_are_no_devices() {
         let saved = Stored { period: 1, ..stored(1.0) };

@@ -4,7 +4,7 @@ use embedded_storage::nor_flash::{
 };
 use std::{vec, vec::Vec};
 
-/// The state in which a cut leaves the word that was being programmed or erased.
+/// State after a power cut of the word that was being programmed or erased.
 #[derive(Clone, Copy, Debug)]
 enum Cut {
     Before,
@@ -12,7 +12,7 @@ enum Cut {
     After,
 }
 
-/// Flash of two sectors that programs and erases `UNIT` bytes at once, and loses power after a number of operations.
+/// Flash of two sectors. It programs and erases `UNIT` bytes at once, and loses power after a number of operations.
 #[derive(Clone)]
 struct Mock<const UNIT: usize = 4, const SECTOR: usize = WORDS> {
     words: Vec<u32>,
@@ -39,7 +39,7 @@ impl From<NorFlashErrorKind> for Failed {
     }
 }
 
-/// Three records, and a rest that is too small for another one.
+/// Three records, and a remainder that is too small for another one.
 const WORDS: usize = 3 * RECORD_WORDS + 8;
 
 impl<const UNIT: usize, const SECTOR: usize> Mock<UNIT, SECTOR> {
@@ -47,7 +47,7 @@ impl<const UNIT: usize, const SECTOR: usize> Mock<UNIT, SECTOR> {
         Self { words: vec![BLANK; 2 * SECTOR], left: None, cut: Cut::After, used: 0 }
     }
 
-    /// Whether the next operation is done whole, half or not at all.
+    /// Whether the next operation is done completely, by half or not at all.
     fn spend(&mut self) -> Result<(), Option<Cut>> {
         self.used += 1;
         match &mut self.left {
@@ -64,7 +64,7 @@ impl<const UNIT: usize, const SECTOR: usize> Mock<UNIT, SECTOR> {
         }
     }
 
-    /// The words of one unit from `first` on: each half way, and afterwards.
+    /// Changes the words of one unit from `first` on. `to` gives each word at half of the operation, and at its end.
     fn change(&mut self, first: usize, to: impl Fn(usize, u32) -> [u32; 2]) -> Result<(), Failed> {
         let outcome = self.spend();
         for (n, word) in self.words[first..][..UNIT / 4].iter_mut().enumerate() {
@@ -109,7 +109,7 @@ impl<const UNIT: usize, const SECTOR: usize> NorFlash for Mock<UNIT, SECTOR> {
         let values: Vec<u32> =
             bytes.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect();
         for (n, values) in values.chunks(UNIT / 4).enumerate() {
-            // Bits only fall; half of them have when the power goes.
+            // Bits only fall. At a power cut half of them have fallen.
             self.change((offset as usize + n * UNIT) / 4, |n, old| {
                 assert_eq!(old, BLANK, "byte {offset} is not erased");
                 [old & (values[n] | 0x5A5A_A5A5), old & values[n]]
@@ -121,7 +121,7 @@ impl<const UNIT: usize, const SECTOR: usize> NorFlash for Mock<UNIT, SECTOR> {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
         check_erase(self, from, to)?;
         assert_eq!((to - from) as usize, Self::ERASE_SIZE, "one sector at a time");
-        // The hardware's order is not known; a stride visits every unit, in a scattered order.
+        // The hardware's order is not known. A stride visits every unit, in a scattered order.
         let units = Self::ERASE_SIZE / UNIT;
         for n in 0..units {
             let first = (from as usize + n * 31 % units * UNIT) / 4;
@@ -144,7 +144,7 @@ fn the_newest_of_many_saves_comes_back() {
     let mut flash = Mock::<4>::new();
     let empty = load(&mut flash, defaults());
     assert_eq!((stiffness(&empty), empty.source), (0.0, Source::Empty));
-    // The fifth is the second of the second sector.
+    // The fifth record is the second one of the second sector.
     for n in 1..if cfg!(miri) { 6 } else { 20 } {
         let record = stored(f64::from(n));
         assert_eq!(save(&mut flash, &record), Ok(Saved::Written));
@@ -194,13 +194,13 @@ fn cut_everywhere<const UNIT: usize>() {
                 let loaded = load(&mut flash, defaults());
                 let complete = operations == whole.used && matches!(cut, Cut::After);
                 let expected = if complete { new } else { old };
-                // half of the last word may happen to be all of it
+                // half of the last word may already be equal to the whole word
                 assert!(
                     stiffness(&loaded) == expected
                         || stiffness(&loaded) == new && operations == whole.used,
                     "save {saves}, cut {cut:?} after {operations}: {loaded:?}"
                 );
-                // and the next save works as if nothing had happened, twice
+                // the next save works as usual, twice
                 flash.left = None;
                 for n in [100.0, 101.0] {
                     assert_eq!(save(&mut flash, &stored(n)), Ok(Saved::Written));
@@ -214,7 +214,7 @@ fn cut_everywhere<const UNIT: usize>() {
     assert_eq!(cases, 3 * (10 * record + 3 * sector));
 }
 
-/// An estimator of one parameter, four or eight.
+/// An estimator with one parameter, four or eight.
 #[cfg(feature = "estimators")]
 fn of_many_parameters(n: f64) -> Stored {
     use crate::velocity::{EstimatorName, VelocitySettings};
@@ -230,7 +230,7 @@ fn of_many_parameters(n: f64) -> Stored {
     stored
 }
 
-/// What does not fit into a record is before it, and counts only together with it.
+/// A further record stands before its main record, and counts only together with it.
 #[test]
 #[cfg(feature = "estimators")]
 #[cfg_attr(miri, ignore = "thousands of saves")]
@@ -344,7 +344,7 @@ fn the_same_settings_are_written_anew_after_an_erase_that_was_cut_short() {
 
 #[test]
 fn what_another_program_has_left_is_nothing_saved_and_does_not_stay() {
-    // In both sectors, in the first, in the second, at the end of it.
+    // The words are in both sectors, in the first, in the second, or at the end of the second.
     for (from, to) in [(0, 2 * WORDS), (0, WORDS), (WORDS, 2 * WORDS), (2 * WORDS - 10, 2 * WORDS)]
     {
         for word in [0x1234_5678, 0] {
@@ -360,7 +360,7 @@ fn what_another_program_has_left_is_nothing_saved_and_does_not_stay() {
     }
 }
 
-/// Beside a sector with records of our own, the newest of these count.
+/// Beside a sector with our own records, the newest of these records counts.
 #[test]
 fn nor_is_it_damage_beside_what_was_saved() {
     let mut flash = Mock::<4>::new();
@@ -376,7 +376,7 @@ fn nor_is_it_damage_beside_what_was_saved() {
     assert_eq!(load(&mut flash, defaults()).damaged, 0);
 }
 
-/// Valid, but of a layout or with an estimator that this image lacks: another image was here.
+/// A valid record of another layout, or with an estimator that this image lacks: another image was here.
 #[test]
 fn a_whole_record_of_another_image_is_nothing_saved() {
     for (place, word) in [(0, u32::from_le_bytes(*b"ZWS\x06")), (7, 0xEE00), (7, 28 << 8)] {
@@ -389,7 +389,7 @@ fn a_whole_record_of_another_image_is_nothing_saved() {
     }
 }
 
-/// A record with any wrong byte is damage.
+/// A record with any wrong byte counts as damage.
 #[test]
 fn a_record_that_cannot_be_read_is_damage() {
     for head in [*b"ZWS\x06", *b"ZWS\x04", *b"ZWS\x01", *b"XWS\x05", *b"ZWP\x03"] {
@@ -407,7 +407,8 @@ fn a_record_that_cannot_be_read_is_damage() {
     }
 }
 
-/// The words of a record, and those that version 0.1.0 wrote. They are read, and belong to no device with a record.
+/// The words of a record, and the words that version 0.1.0 wrote. Both can be read. The latter belong to no device with
+/// a record.
 #[test]
 fn a_record_in_flash_is_its_words_least_significant_byte_first() {
     let mut flash = Mock::<4>::new();
@@ -427,7 +428,7 @@ fn a_record_in_flash_is_its_words_least_significant_byte_first() {
     assert_eq!((loaded.stored, loaded.source), (stored(0.0), Source::OtherDevice));
 }
 
-/// A slot that cannot be read counts as damaged, and nothing else is lost.
+/// A slot that cannot be read counts as damaged. Nothing else is lost.
 #[test]
 fn flash_that_cannot_be_read_gives_the_defaults() {
     let mut small = Mock::<4>::new();
@@ -451,7 +452,7 @@ fn two_sectors_of_one_record_each_are_enough_and_a_word_less_is_too_little() {
     assert_eq!(save(&mut shorter, &stored(1.0)), Err(SaveError::TooSmall));
 }
 
-/// The same for two records that belong together.
+/// The same for a main record and its further record.
 #[test]
 #[cfg(feature = "estimators")]
 fn an_estimator_of_many_parameters_needs_room_for_two_records() {
@@ -479,7 +480,7 @@ fn further_parameters_of_another_save_are_none() {
     }
 }
 
-/// Two saves never have the same number, unless four thousand million lie between them.
+/// Two saves never have the same number, unless four thousand million saves lie between them.
 #[test]
 fn of_two_sectors_with_the_same_number_the_first_counts() {
     let mut flash = Mock::<4>::new();
@@ -489,7 +490,7 @@ fn of_two_sectors_with_the_same_number_the_first_counts() {
     assert_eq!(stiffness(&load(&mut flash, defaults())), 1.0);
 }
 
-/// Its copy would never equal it.
+/// A NaN would never equal its copy.
 #[test]
 fn a_number_that_is_none_is_not_taken() {
     let mut flash = Mock::<4>::new();

@@ -1,11 +1,9 @@
-//! The newest value of something, from a task to one that preempts it: two buffers, and a pointer to the valid
-//! one.
+//! Gives the newest value from a task to a task that preempts it: two buffers, and a pointer to the valid one.
 //!
-//! The reader only takes a reference: no copy, no check, one load. This is sound only because the reader
-//! runs above the writer on a single core. For the writer a whole pass of the reader takes no time. The pass
-//! comes before the pointer changes, and sees the old buffer, or after, and sees the new one. The buffer
-//! that is written is never the valid one. For the same reason only the compiler must keep the order of the
-//! stores.
+//! The reader only takes a reference: no copy, no check, one load. This is sound only because the reader preempts the
+//! writer on a single core. For the writer a whole pass of the reader takes no time. If the pass comes before the
+//! pointer changes, it sees the old buffer. If it comes after, it sees the new one. The writer never writes the valid
+//! buffer. For the same reason only the compiler must keep the order of the stores.
 
 use core::{
     cell::UnsafeCell,
@@ -21,28 +19,25 @@ use core::{
 
 use super::Static;
 
-/// Two buffers, one of which holds the newest `T`.
+/// Two buffers. One of them holds the newest `T`.
 pub struct DoubleBuffer<T> {
     buffers: [UnsafeCell<MaybeUninit<T>>; 2],
-    /// The valid buffer. Stored by the publisher only; null before the ends are made.
+    /// The valid buffer; null before `split`. Only the writer stores it.
     newest: AtomicPtr<T>,
 }
 
-// SAFETY: see the module: the valid buffer is only read, the other one is only written, each by one
-// task.
+// SAFETY: see the module. The valid buffer is only read, the other one is only written, each by one task.
 unsafe impl<T: Send + Sync> Sync for DoubleBuffer<T> {}
 
 pub struct DoubleBufferWriter<T: 'static>(&'static DoubleBuffer<T>);
 
-/// The reading end, for a task of higher priority than the publisher's, of the buffers that `P` names.
+/// The reader of the buffers that `P` names. Its task must have a higher priority than the writer's.
 pub struct DoubleBufferReader<T: 'static, P>(PhantomData<(*const T, P)>);
 
-// SAFETY: it is moved to its task once, before the task first runs; `*const T` only keeps it from
-// being shared.
+// SAFETY: it is moved to its task once, before the task first runs. `*const T` prevents sharing.
 unsafe impl<T: Send + Sync, P> Send for DoubleBufferReader<T, P> {}
 
 impl<T: Copy> DoubleBuffer<T> {
-    /// Without a value yet.
     pub const fn new() -> Self {
         Self {
             buffers: [const { UnsafeCell::new(MaybeUninit::uninit()) }; 2],
@@ -50,12 +45,12 @@ impl<T: Copy> DoubleBuffer<T> {
         }
     }
 
-    /// The two ends of the buffers that `P` names, with `value` published. Call it once.
+    /// Writer and reader of the buffers that `P` names, with `value` published. Call it once.
     pub fn split<P: Static<Self>>(value: T) -> (DoubleBufferWriter<T>, DoubleBufferReader<T, P>) {
         let buffer = P::place();
         while !buffer.newest.load(Relaxed).is_null() {} // before any output is on
         let first = buffer.buffers[0].get();
-        // SAFETY: there are no ends yet, and nobody else has got this far.
+        // SAFETY: there is no reader or writer yet, and nobody else has got this far.
         let first = unsafe { (*first).write(value) };
         buffer.newest.store(first, Relaxed);
         (DoubleBufferWriter(buffer), DoubleBufferReader(PhantomData))
@@ -63,7 +58,7 @@ impl<T: Copy> DoubleBuffer<T> {
 }
 
 impl<T: Copy + 'static> DoubleBuffer<T> {
-    /// The valid value, for a task below the writer that knows of no publishing meanwhile; none if there was one.
+    /// The valid value, for a task below the writer. `None` if the writer published one during the copy.
     pub fn look<P: Static<Self>>() -> Option<T> {
         let buffer = P::place();
         let newest = buffer.newest.load(Relaxed);
@@ -71,7 +66,7 @@ impl<T: Copy + 'static> DoubleBuffer<T> {
             return None;
         }
         compiler_fence(Acquire);
-        // SAFETY: in place and aligned. It is a whole value only if nothing was published meanwhile, see below.
+        // SAFETY: in place and aligned. The value is whole only if nothing was published during the copy, see below.
         let copy = unsafe { newest.cast::<MaybeUninit<T>>().read_volatile() };
         compiler_fence(Acquire);
         // SAFETY: nobody writes the valid buffer, and it was the valid one all the time.
@@ -80,14 +75,13 @@ impl<T: Copy + 'static> DoubleBuffer<T> {
 }
 
 impl<T: Copy> DoubleBufferWriter<T> {
-    /// The valid value.
     #[inline(always)]
     pub fn newest(&self) -> &T {
-        // SAFETY: not null, because the ends exist; only this end writes, and not while it is borrowed.
+        // SAFETY: not null after `split`. Only this writer writes, and not while it is borrowed.
         unsafe { &*self.0.newest.load(Relaxed) }
     }
 
-    /// From the reader's next pass on this value is valid, as a whole.
+    /// Makes this value valid as a whole, from the reader's next pass on.
     #[inline(always)]
     pub fn publish(&mut self, value: T) {
         let [first, second] = &self.0.buffers;
@@ -108,8 +102,7 @@ impl<T: Copy, P: Static<DoubleBuffer<T>>> DoubleBufferReader<T, P> {
     pub fn get(&mut self) -> &T {
         let newest = P::place().newest.load(Relaxed);
         compiler_fence(Acquire);
-        // SAFETY: not null, because the ends exist; nobody writes this buffer while this task runs,
-        // see the module.
+        // SAFETY: not null after `split`. Nobody writes this buffer while this task runs, see the module.
         unsafe { &*newest }
     }
 }

@@ -1,10 +1,10 @@
-//! What tasks of different priorities exchange without a lock.
+//! Exchange of values between tasks of different priorities, without a lock.
 
 #![allow(unsafe_code)]
 
 /// Names a static `T`. Code that knows the type has its address as a constant, and loads no pointer to it.
 pub trait Static<T: 'static>: 'static {
-    /// Always the same one.
+    /// The static. Always the same one.
     fn place() -> &'static T;
 }
 

@@ -1,10 +1,9 @@
-//! The memory of a task. A task that it preempts may copy a part of it, at no cost to the owner.
+//! The memory of a task. A task that it preempts may copy a part of it, at no cost for the owner.
 //!
-//! The owner works in its place without regard to the viewer. This is sound only because the owner runs above
-//! the viewer on a single core. For the viewer a whole pass of the owner takes no time, and between two passes
-//! nobody holds a reference. If a pass comes in the middle of a copy, the number that each pass counts up
-//! differs before and after. Then the viewer copies again. Passes are far apart (a sample), so this happens at
-//! most once.
+//! The owner works in its place and ignores the viewer. This is sound only because the owner preempts the viewer on a
+//! single core. For the viewer a whole pass of the owner takes no time. Between two passes nobody holds a reference.
+//! Each pass counts up a number. If a pass comes during a copy, this number differs before and after the copy. Then the
+//! viewer copies again. Passes are far apart (a sample), so this happens at most once.
 
 use core::{
     cell::UnsafeCell,
@@ -19,27 +18,26 @@ use core::{
 
 use super::Static;
 
-/// What a task owns: a part that a viewer may see, and the rest.
+/// Data of a task: a part that a viewer may see, and the rest.
 pub struct Shown<S, R> {
-    /// A viewer may copy this.
     pub shown: S,
     pub rest: R,
 }
 
-/// Static place of a task's data.
+/// Static memory for a task's data.
 pub struct Place<S, R> {
     taken: AtomicBool,
     value: UnsafeCell<MaybeUninit<Shown<S, R>>>,
 }
 
-// SAFETY: one owner, see `take`; the viewer only copies what is `Copy`, see the module.
+// SAFETY: there is one owner, see `take`. The viewer only copies values that are `Copy`, see the module.
 unsafe impl<S: Copy + Send, R: Send> Sync for Place<S, R> {}
 
 /// Names a place in static memory.
 pub trait Placed: Static<Place<Self::Shown, Self::Rest>> {
-    /// What may be seen.
+    /// The part that a viewer may see.
     type Shown: Copy + Send + 'static;
-    /// The rest, which no viewer sees.
+    /// The rest. No viewer sees it.
     type Rest: Send + 'static;
 
     /// A number that changes with every pass of the owner.
@@ -49,7 +47,7 @@ pub trait Placed: Static<Place<Self::Shown, Self::Rest>> {
 /// The owner's end of a place.
 pub struct Owner<P>(PhantomData<P>);
 
-/// The viewer's, for a task of lower priority.
+/// The viewer's end, for a task of lower priority.
 pub struct Viewer<P>(PhantomData<P>);
 
 impl<P> Clone for Viewer<P> {
@@ -65,7 +63,7 @@ impl<S, R> Place<S, R> {
 }
 
 impl<P: Placed> Owner<P> {
-    /// Both ends, with this value in the place. Call it once: there is no second owner.
+    /// Both ends, with this data in the place. Call it once: there is no second owner.
     pub fn take(shown: P::Shown, rest: P::Rest) -> (Self, Viewer<P>) {
         let place = P::place();
         while place.taken.swap(true, Relaxed) {} // before any output is on
@@ -77,7 +75,7 @@ impl<P: Placed> Owner<P> {
     /// The data, for one pass of the owner.
     #[inline(always)]
     pub fn get(&mut self) -> &mut Shown<P::Shown, P::Rest> {
-        // SAFETY: written before this end was made, the only one; the viewer cannot run meanwhile, see the module.
+        // SAFETY: written before the only owner was made. The viewer cannot run meanwhile, see the module.
         unsafe { (*P::place().value.get()).assume_init_mut() }
     }
 }
@@ -87,19 +85,19 @@ impl<P: Placed> Viewer<P> {
         let place = P::place().value.get().cast::<Shown<P::Shown, P::Rest>>();
         compiler_fence(Acquire);
         // SAFETY: in place, aligned, and written before this end was made. A pass may change words meanwhile, but each
-        // word is whole, old or new.
+        // word is either old or new.
         let copy = unsafe { (&raw const (*place).shown).read_volatile() };
         compiler_fence(Acquire);
         copy
     }
 
-    /// What `see` returns for it as the owner's last pass has left it, without a copy.
+    /// The result of `see` for the data after the owner's last pass. Makes no copy.
     #[inline(always)]
     pub fn look<R>(&self, see: impl Fn(&P::Shown) -> R) -> R {
         let place = P::place().value.get().cast::<Shown<P::Shown, P::Rest>>();
         loop {
             // SAFETY: in place, aligned, and written before this end was made. A pass may change words meanwhile, but
-            // each word is whole, old or new, and then the result is thrown away.
+            // each word is either old or new, and then the result is discarded.
             let shown = unsafe { &(*place).shown };
             let before = P::number(shown);
             compiler_fence(Acquire);
@@ -111,7 +109,7 @@ impl<P: Placed> Viewer<P> {
         }
     }
 
-    /// As the owner's last pass has left it.
+    /// A copy of the data after the owner's last pass.
     pub fn read(&self) -> P::Shown {
         let mut before = P::number(&self.copy());
         loop {

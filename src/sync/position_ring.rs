@@ -1,14 +1,14 @@
-//! Positions of the handle at the last samples, for experiments and telemetry, which need every one of them.
+//! Positions of the handle at the last samples. Experiments and telemetry need every one of them.
 //!
-//! `sample` writes without a check, by the number of the sample. `render` follows, and `link` reads the positions for
-//! telemetry. A place is overwritten [`LENGTH`] samples later. A `render` that is so late has lost its output before,
-//! and `link` checks afterwards.
+//! `sample` writes without a check, at an index by the number of the sample. `render` follows, and `link` reads the
+//! positions for telemetry. A position is overwritten [`LENGTH`] samples later. If `render` is so late, it has already
+//! lost its output. `link` checks after reading.
 
 use core::sync::atomic::{AtomicI32, Ordering::Relaxed};
 
 use zwidth::units::Position;
 
-/// Samples that are kept, enough for a `link` that is late by all the outputs that wait for it.
+/// Stored samples. They are enough for a `link` that is late by all the outputs that wait for it.
 const LENGTH: usize = 256;
 /// Most samples that `render` goes back.
 pub const FOLLOWED: usize = 32;
@@ -27,8 +27,8 @@ pub fn note(sample: u64, position: Position) {
     place(sample).store(position.counts(), Relaxed);
 }
 
-/// The positions of the samples up to `newest`, which has been noted, oldest first. They are right if [`is_kept`] is
-/// true for the oldest one afterwards.
+/// Reads the positions of the samples up to `newest`, oldest first. `newest` must have been noted. The positions are
+/// right if [`is_kept`] is true for the oldest one after the reading.
 pub fn read(newest: u64, places: &mut [Position]) {
     for (place_of, back) in places.iter_mut().rev().zip(0u64..) {
         let counts = place(newest.wrapping_sub(back)).load(Relaxed);
@@ -36,12 +36,12 @@ pub fn read(newest: u64, places: &mut [Position]) {
     }
 }
 
-/// Whether the position at `oldest` is not overwritten yet, if `next` is the next sample.
+/// Whether the position at `oldest` is still stored, if `next` is the next sample.
 pub fn is_kept(oldest: u64, next: u64) -> bool {
     next.saturating_sub(oldest) < LENGTH as u64
 }
 
-/// Follows the samples, one by one.
+/// Reads the samples one by one.
 pub struct Follower {
     next: u64,
     end: u64,
@@ -53,13 +53,13 @@ impl Follower {
         Self { next: 0, end: 0 }
     }
 
-    /// Goes up to `sample`, which has been noted. Positions that are too old are skipped.
+    /// Allows reading up to `sample`, which must have been noted. Positions that are too old are skipped.
     pub fn follow_to(&mut self, sample: u64) {
         self.end = sample.wrapping_add(1);
         self.next = self.next.max(self.end.saturating_sub(FOLLOWED as u64));
     }
 
-    /// The position at the next sample, if it is not after the one that was followed to.
+    /// The position at the next sample. `None` after the sample of [`follow_to`](Self::follow_to).
     pub fn read(&mut self) -> Option<Position> {
         if self.next >= self.end {
             return None;

@@ -1,10 +1,9 @@
-//! The newest value of something, from a task to one that it preempts: one buffer, and a number that changes with every
+//! Gives the newest value from a task to a task that it preempts: one buffer, and a number that changes with every
 //! value.
 //!
-//! The writer only stores and numbers. This is sound only because the writer runs above the reader on a single
-//! core. So the reader never sees a half-written value, but a whole write may come in the middle of its copy. Then
-//! the number has changed, and the reader copies again. Writes are far apart (a sample), so this happens at most
-//! once.
+//! The writer only stores and numbers. This is sound only because the writer preempts the reader on a single core. So
+//! the reader never sees a half-written value. But a whole write may come during its copy. Then the number has changed,
+//! and the reader copies again. Writes are far apart (a sample), so this happens at most once.
 
 use core::{
     cell::UnsafeCell,
@@ -26,13 +25,13 @@ pub struct Seqlock<T> {
     value: UnsafeCell<MaybeUninit<T>>,
 }
 
-// SAFETY: see the module; there is one end of each kind.
+// SAFETY: see the module; there is one writer and one reader.
 unsafe impl<T: Send> Sync for Seqlock<T> {}
 
-/// Writing end of the seqlock that `P` names, for a task of higher priority than the reader's.
+/// The writer of the seqlock that `P` names. Its task must have a higher priority than the reader's.
 pub struct SeqlockWriter<T: 'static, P>(PhantomData<(*const T, P)>);
 
-// SAFETY: it is moved to its task once, before the task first runs; `*const T` only keeps it from being shared.
+// SAFETY: it is moved to its task once, before the task first runs. `*const T` prevents sharing.
 unsafe impl<T: Send, P> Send for SeqlockWriter<T, P> {}
 
 pub struct SeqlockReader<T: 'static> {
@@ -41,7 +40,7 @@ pub struct SeqlockReader<T: 'static> {
 }
 
 impl<T: Copy> Seqlock<T> {
-    /// With a value that counts as read, with the number `u32::MAX`.
+    /// A seqlock with a value that counts as read, and the number `u32::MAX`.
     pub const fn new(value: T) -> Self {
         Self {
             taken: AtomicBool::new(false),
@@ -50,7 +49,7 @@ impl<T: Copy> Seqlock<T> {
         }
     }
 
-    /// The two ends of the seqlock that `P` names. Call it once.
+    /// Writer and reader of the seqlock that `P` names. Call it once.
     pub fn split<P: Static<Self>>() -> (SeqlockWriter<T, P>, SeqlockReader<T>) {
         let snapshot = P::place();
         while snapshot.taken.swap(true, Relaxed) {} // before any output is on
@@ -66,11 +65,11 @@ impl<T: Copy, P: Static<Seqlock<T>>> SeqlockWriter<T, P> {
         self.publish(number);
     }
 
-    /// The stored value, to be changed in place. Call [`publish`](Self::publish) after it, before this pass of the task
-    /// ends.
+    /// The stored value, for a change in place. After the change call [`publish`](Self::publish), before this pass of
+    /// the task ends.
     #[inline(always)]
     pub fn place(&mut self) -> &mut T {
-        // SAFETY: there is a value since `new`; the reader cannot run meanwhile, see the module, and notices the change
+        // SAFETY: there is a value since `new`. The reader cannot run meanwhile, see the module, and notices the change
         // later.
         unsafe { (*P::place().value.get()).assume_init_mut() }
     }
@@ -84,13 +83,13 @@ impl<T: Copy, P: Static<Seqlock<T>>> SeqlockWriter<T, P> {
 }
 
 impl<T: Copy> SeqlockReader<T> {
-    /// The newest value, if there is one that was not read yet.
+    /// The newest value, if it was not read yet.
     #[inline(always)]
     pub fn read(&mut self) -> Option<T> {
         self.read_numbered().map(|(value, _)| value)
     }
 
-    /// The same with its number.
+    /// As [`read`](Self::read), with the value's number.
     #[inline(always)]
     pub fn read_numbered(&mut self) -> Option<(T, u32)> {
         let snapshot = self.snapshot;
@@ -100,13 +99,13 @@ impl<T: Copy> SeqlockReader<T> {
         }
         loop {
             compiler_fence(Acquire);
-            // SAFETY: in place and aligned. If a write changes bytes meanwhile, the copy is thrown away.
+            // SAFETY: in place and aligned. If a write changes bytes meanwhile, the copy is discarded.
             let copy = unsafe { snapshot.value.get().read_volatile() };
             compiler_fence(Acquire);
             let after = snapshot.number.load(Relaxed);
             if after == number {
                 self.seen = number;
-                // SAFETY: something was written, and no write came during the copy.
+                // SAFETY: a value was written, and no write came during the copy.
                 return Some((unsafe { copy.assume_init() }, number));
             }
             number = after;

@@ -11,11 +11,11 @@ use zwidth::{
 
 use crate::board::{self, Watchdog};
 
-/// The idle task. Only it feeds the watchdog, except while `link` writes flash or tests the board, with the force off.
-/// It also checks the image in flash.
+/// The task `idle`. Only it feeds the watchdog, except while `link` writes flash or tests the board, with the force
+/// off. It also checks the image in flash.
 pub struct Idle {
     watchdog: Watchdog,
-    /// `rendered` and `links` when the watchdog was last fed.
+    /// Values of `rendered` and `links` when the watchdog was last fed.
     fed: [u32; 2],
     pass: Pass<'static>,
     checked: u32,
@@ -26,8 +26,8 @@ impl Idle {
         Self { watchdog, fed: [0; 2], pass, checked: 0 }
     }
 
-    /// Checks a slice of the image, then sleeps until the next interrupt. Feeds the watchdog only if `render` (hence
-    /// `sample`) and `link` have both run since the last time.
+    /// Checks a slice of the image, then sleeps until the next interrupt. Feeds the watchdog only if `render` and
+    /// `link` have both run since the last time. `render` runs only after `sample`.
     pub fn run(&mut self) {
         let now = [FLAGS.rendered.load(Relaxed), FLAGS.links.load(Relaxed)];
         if now[0] != self.fed[0] && now[1] != self.fed[1] {
@@ -35,7 +35,7 @@ impl Idle {
             self.fed = now;
         }
         if let Some(found) = self.pass.go_on() {
-            // `link` accepts only steps of a right checksum.
+            // `link` accepts only steps by the right checksum.
             self.checked = self.checked.wrapping_add(found);
             FLAGS.checked.store(self.checked, Relaxed);
             if found != RIGHT {

@@ -1,7 +1,7 @@
 //! `link`: pended by `render` with every output, priority 1. Moves data between the console and the probe link.
 //!
-//! The host has a fifth of the time ([`Pace`]), one line a pass. What it sends beyond that waits in its channel, and
-//! then at the host. Telemetry is not part of this fifth.
+//! The host may use a fifth of the time ([`Pace`]), one line a pass. Further bytes wait in the channel, and then at the
+//! host. Telemetry is not part of this fifth.
 
 use core::sync::atomic::Ordering::Relaxed;
 
@@ -23,11 +23,10 @@ use super::{FLAGS, Numbered, ORDERS, REPORTS, sample::Sampling};
 use crate::board::{self, Commands, FlashError, SelfTest, SettingsFlash, UpLink, Watchdog};
 use crate::sync::{DoubleBuffer, Viewer, position_ring};
 
-/// Longest piece of a line in one frame of the log, bytes. `render` waits while the logger copies a
-/// frame.
+/// Longest piece of a line in one frame of the log, bytes. `render` waits while the logger copies a frame.
 const LOG_LINE: usize = 200;
 
-/// The board's channels, flash and `render`, as the console uses them.
+/// The console's access to the board's channels, flash and `render`.
 struct Channels {
     replies: UpLink,
     telemetry: UpLink,
@@ -98,7 +97,7 @@ impl Port for Channels {
     }
 }
 
-/// Puts a line on the log, in several frames if necessary; returns whether all of them had room.
+/// Writes a line to the log, in several frames if necessary. Returns whether all of them had room.
 fn log(line: &str) -> bool {
     let before = board::log_dropped();
     let mut rest = line.strip_suffix('\n').unwrap_or(line);
@@ -110,7 +109,7 @@ fn log(line: &str) -> bool {
     board::log_dropped() == before
 }
 
-/// The link task. Only it and the logger talk to the host.
+/// The task `link`. Only it and the logger send to the host.
 pub struct Link {
     console: Console<Channels>,
     reports: Consumer<'static, Report, REPORTS>,
@@ -144,7 +143,8 @@ impl Link {
         Self { console, reports, pace: Pace::default(), passes: 0, image: PassWatch::default() }
     }
 
-    /// Passes on what has come since. If it is late, `render` drops reports: gaps in the samples of the telemetry.
+    /// Handles the reports and bytes that came since the last pass. If it is late, `render` drops reports. Then the
+    /// telemetry has gaps in its samples.
     pub fn run(&mut self) {
         let (sample, checked) = (FLAGS.rendered.load(Relaxed), FLAGS.checked.load(Relaxed));
         if self.image.is_wrong(sample, checked) {
@@ -165,7 +165,7 @@ impl Link {
     }
 }
 
-/// Says why nothing runs, answers what can be answered, and stays there with everything off.
+/// Says why nothing runs, answers commands that are possible, and stays there with everything off.
 pub(super) fn refuse(mut link: board::Link, mut watchdog: Watchdog, why: &Unusable) -> ! {
     let mut console = Refused::new(board::FACTS.name, COMMIT, why);
     let mut said = Some(console.reason());

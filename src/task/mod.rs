@@ -1,4 +1,4 @@
-//! The work of the tasks, and what they exchange.
+//! The work of the tasks, and the values that they exchange.
 //!
 //! ```text
 //!      SampleReport, Guard,          Report
@@ -7,10 +7,10 @@
 //!        ◀───────────────        ◀───────────────
 //!           LoopParameters, GuardCommand            Order
 //! ```
-//! No task waits. `Report` and `Order` go through single-producer, single-consumer queues, positions through a
+//! No task waits. `Report` and `Order` go through single-producer, single-consumer queues. Positions go through a
 //! [`position_ring`](crate::sync::position_ring). `link` reads the positions there too, and the sampler itself
-//! ([`Viewer`](crate::sync::Viewer)). Of the others only the newest counts: `SampleReport` and `Guard` go up through
-//! [`Seqlock`](crate::sync::Seqlock), `LoopParameters` and `GuardCommand` go down through
+//! ([`Viewer`](crate::sync::Viewer)). Of all other values only the newest counts. `SampleReport` and `Guard` go up
+//! through [`Seqlock`](crate::sync::Seqlock). `LoopParameters` and `GuardCommand` go down through
 //! [`DoubleBuffer`](crate::sync::DoubleBuffer).
 
 mod idle;
@@ -43,10 +43,10 @@ use crate::sync::{DoubleBuffer, Seqlock, position_ring};
 
 /// One more than the outputs that may wait for `link`, 15 ms at 1 kHz.
 const REPORTS: usize = 16;
-/// One more than the orders that may wait for `render`, because they come one at a time.
+/// One more than the orders that may wait for `render`. They come one at a time.
 const ORDERS: usize = 2;
 
-// `render` follows the positions of a whole output period.
+// `render` reads the positions of a whole output period.
 const _: () = {
     let mut periods: &[u32] = &PERIODS;
     while let [period, rest @ ..] = periods {
@@ -55,18 +55,18 @@ const _: () = {
     }
 };
 
-/// An order with its number, so that each is met once. A flipped bit in the queue's indices would bring an old order
-/// back.
+/// An order with its number, so that each order is carried out once. A flipped bit in the queue's indices would bring
+/// an old order back.
 pub struct Numbered {
     number: u32,
     order: Order,
 }
 
-/// Memory of what the tasks share.
+/// Memory that the tasks share.
 pub struct Queues {
     reports: Queue<Report, REPORTS>,
     orders: Queue<Numbered, ORDERS>,
-    /// What all tasks read and nobody writes.
+    /// The device, which all tasks read and none writes.
     device: Option<Device<'static>>,
 }
 
@@ -76,9 +76,8 @@ impl Queues {
     }
 }
 
-/// What other tasks watch.
+/// Values that other tasks watch.
 struct Flags {
-    /// The value of [`GuardCommand::rendered`].
     rendered: AtomicU32,
     /// Passes of `link` so far.
     links: AtomicU32,
@@ -91,7 +90,7 @@ static FLAGS: Flags =
 
 /// Makes the tasks of a board that has just been set up.
 ///
-/// If the image is not what was built, or the device record is refused, the board says so, and nothing runs.
+/// If the image differs from the build, or the device record is refused, the board says so, and nothing runs.
 pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
     let (due_in, due_out) = Seqlock::split();
     let (guard_in, guard_out) = Seqlock::split();
@@ -101,7 +100,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     let image = board::image();
     let boot = boot_fault(&board.memory.read(), board.reset_cause);
     if let Err(why) = image.check() {
-        // The fault stays even if the next boot reads the flash as it was.
+        // The fault stays even if the next boot reads the right flash.
         let damaged = (why == BadImage::Damaged).then(|| FaultRecord::bare(Fault::Image));
         if let Some(record) = boot.or(damaged) {
             board.memory.write(&record.to_words());
@@ -122,7 +121,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
         };
     let acts = (board::output_watch(), current);
     if let Some(record) = fault {
-        // What this reset adds to the fault (that it was the watchdog's) has to outlive the next reset.
+        // This reset may have added the fault of a watchdog reset. The record must survive the next reset.
         board.memory.write(&record.to_words());
     }
     let (control_in, control_out) = DoubleBuffer::split(control);

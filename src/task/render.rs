@@ -1,4 +1,4 @@
-//! `render`: with every period-th sample, priority 14, pended by `sample`. Moves data between the renderer and the
+//! `render`: pended by `sample` with every period-th sample, priority 14. Moves data between the renderer and the
 //! board.
 
 use core::{hint::cold_path, sync::atomic::Ordering::Relaxed};
@@ -28,17 +28,15 @@ use crate::board::{
 };
 use crate::sync::{DoubleBufferWriter, SeqlockReader, Viewer, position_ring::Follower};
 
-/// The longest output period.
 const LONGEST: u32 = period::PERIODS[period::PERIODS.len() - 1];
 
-/// The hardware that this task owns.
 pub struct Outputs {
     pub drive: Drive,
     pub stop: EmergencyStop,
     pub supply: Supply,
-    /// Halts by a debugger.
+    /// Detector of halts by a debugger.
     pub halts: Halts,
-    /// Enable off when outputs stop.
+    /// Switches enable off when outputs stop.
     pub output_watchdog: OutputWatchdog,
     pub set_up: SetUp,
     pub read_back: ReadBack,
@@ -46,22 +44,20 @@ pub struct Outputs {
     pub memory: FaultMemory,
 }
 
-/// Its ends of the queues.
+/// The task's ends of the queues.
 pub struct Ends {
-    /// From `sample`, one per output.
+    /// Reports from `sample`, one per output.
     pub due: SeqlockReader<SampleReport>,
-    /// From `sample`: what the guard found, when it has changed.
+    /// The guard's findings from `sample`, when they have changed.
     pub guard: SeqlockReader<Guard>,
     pub sampling: ToSample,
     /// View of the sampler that `sample` owns.
     pub sampler: Viewer<Block>,
-    /// Orders that `link` sends.
     pub orders: Consumer<'static, Numbered, ORDERS>,
-    /// Reports that `link` takes.
     pub reports: Producer<'static, Report, REPORTS>,
 }
 
-/// The ends towards `sample`.
+/// The ends that lead to `sample`.
 pub struct ToSample {
     /// Written when the parameters change.
     pub control: DoubleBufferWriter<LoopParameters>,
@@ -85,24 +81,23 @@ impl Sampling for ToSample {
     }
 }
 
-/// The output task. It alone writes the force output.
+/// The task `render`. Only it writes the force output.
 pub struct Render {
     outputs: Outputs,
     ends: Ends,
     guard: GuardView,
-    /// The positions of all samples.
     positions: Follower,
     renderer: Renderer<HISTORY>,
-    /// Number of the last order that was met.
+    /// Number of the last order that was carried out.
     met: u32,
-    /// Faults found after the last checked output, and that output's sample.
+    /// Faults found after the last checked output. The next field: sample of this output.
     found: FaultSet,
     checked: u32,
-    /// Whether the last check was of the numbers.
+    /// Whether the last check was one of the numbers (not of the registers).
     numbers_next: bool,
-    /// Code that the last output wrote; `None`: it was off.
+    /// Code that the last output wrote. `None`: the output was off.
     written: Option<Written>,
-    /// Checks of the output voltage and of the motor's current, and their state.
+    /// Checks of the output voltage and of the motor's current. The next two fields: their state.
     acts: Doubled<(Option<OutputWatch>, Option<CurrentWatch>)>,
     misses: u8,
     mean: i32,
@@ -136,7 +131,8 @@ impl Render {
         }
     }
 
-    /// The output for the newest due sample, then everything that can wait until the force is out.
+    /// Computes and writes the output for the newest due sample. Then it does everything that can wait until the force
+    /// is out.
     ///
     /// If it is late by a period, `sample` switches off, and the fault `late render` is latched.
     #[inline(always)]
@@ -165,18 +161,19 @@ impl Render {
         board::request_link();
     }
 
-    /// Starts the read-back while the output is computed; returns the code that it should find.
+    /// Starts the read-back while the output is computed. Returns the code that the read-back should find.
     #[inline(always)]
     fn begin_read_back(&mut self) -> Option<Written> {
         self.outputs.read_back.begin();
         self.written.filter(|_| self.outputs.drive.is_on())
     }
 
-    /// The board's inputs first, and then the guard's findings: if `sample` has cut, its reason is among them.
+    /// Reads the board's inputs, and then the guard's findings. So if `sample` has cut, its reason is among the
+    /// findings.
     #[inline(always)]
     fn sense(&mut self, up: &SampleReport) -> (Sensed, Guard) {
         let Outputs { drive, stop, supply, halts, .. } = &mut self.outputs;
-        // A halt is judged by the longest period at each output period, so that the limit is a time and a constant.
+        // A halt is judged by the longest period at each output period. So the limit is a fixed time.
         let sensed = contract::sense(
             (self.written.is_some(), self.found),
             (up.motion.sample, LONGEST),
@@ -191,7 +188,6 @@ impl Render {
         (sensed, self.guard.at(up.motion.number()))
     }
 
-    /// Writes what a reset must not erase.
     #[inline(always)]
     fn remember(&mut self) {
         match self.renderer.take_memory_update() {
@@ -227,9 +223,9 @@ impl Render {
         }
     }
 
-    /// Switches off at once if something that decides about the force has changed; the next output reports it. A late
-    /// output leaves these checks to a later one, but after a millisecond without checks all are made. If outputs are
-    /// closer than a millisecond, numbers and registers are checked in turn.
+    /// Switches off at once if a number or register that decides about the force has changed. The next output reports
+    /// the change. A late output leaves these checks to a later output. If a millisecond has passed since the last
+    /// check, all numbers and registers are checked. Outputs closer than that check numbers and registers in turn.
     #[inline(always)]
     fn check(&mut self, number: u32, was: Option<Written>) {
         let passed = number.wrapping_sub(self.checked);
@@ -247,14 +243,14 @@ impl Render {
                 && self.acts.is_whole()
                 && self.outputs.set_up.channels_hold();
         let set_up = !all && self.numbers_next || self.outputs.set_up.holds();
-        // If a task has switched off since, the reading may be that of its zero.
+        // If a task has switched off since then, the reading may belong to zero force.
         let was = was.filter(|_| self.outputs.drive.is_on());
         let read = self.outputs.read_back.finish();
         let (output, current) = &*self.acts;
         let output = output.is_some_and(|watch| watch.follow(&mut self.misses, was, read.output));
         let current =
             current.is_some_and(|watch| watch.follow(&mut self.mean, was, (read.current, passed)));
-        // Both are asked each time, so no `||`.
+        // Both must be called each time, so no `||`.
         let rate =
             self.outputs.halts.rate_is_wrong() | self.outputs.output_watchdog.rate_is_wrong();
         self.found = FaultSet::EMPTY
@@ -272,7 +268,7 @@ impl Render {
         }
     }
 
-    /// An order differs from the one that was given, or one was lost: off, and the next output reports it.
+    /// An order has changed on its way, or was lost. Switches off. The next output reports it.
     #[cold]
     fn lose_order(&mut self) {
         board::off();

@@ -1,4 +1,4 @@
-//! `sample`: 10 kHz, priority 15, interrupt of the sampling timer.
+//! `sample`: priority 15, 10 kHz, by the interrupt of the sampling timer.
 
 use zwidth::{
     LoopParameters,
@@ -14,10 +14,10 @@ use crate::sync::{
     Viewer, position_ring,
 };
 
-/// With a counter of 32 bits, as every board has.
+/// With a counter of 32 bits, as on every board.
 type GuardedSampler = zwidth::safety::GuardedSampler<Bits32>;
 
-/// What the task uses beside the sampler.
+/// The task's data beside the sampler.
 pub struct Rest {
     encoder: Encoder,
     sample_timer: SampleTimer,
@@ -32,8 +32,7 @@ pub type CommandReader = DoubleBufferReader<GuardCommand, Sampling>;
 pub type ReportWriter = SeqlockWriter<SampleReport, Sampling>;
 pub type GuardWriter = SeqlockWriter<Guard, Sampling>;
 
-/// All that a sample reads and writes, in one block. The code loads one address, and everything is at a constant
-/// distance from it.
+/// All data of a sample in one block. The code loads one address. Everything is at a constant distance from it.
 #[repr(C)]
 struct Block {
     own: Place<GuardedSampler, Rest>,
@@ -51,10 +50,10 @@ static PLACE: Block = Block {
     guard: Seqlock::new(Guard::NOTHING),
 };
 
-/// Names the block and its parts. Telemetry reads the sampler there.
+/// Names the block and its parts. Telemetry reads the sampler in the block.
 pub struct Sampling;
 
-/// The part of the block that is a `T`.
+/// Names the part of the block with the type `$of`.
 macro_rules! part {
     ($($part:ident: $of:ty),*) => {$(
         impl Static<$of> for Sampling {
@@ -84,7 +83,7 @@ impl Placed for Sampling {
 }
 
 impl Rest {
-    /// With the force, for estimators that use it.
+    /// Adds the force, for estimators that use it.
     #[inline(always)]
     fn with_force(&mut self, senses: Senses) -> Senses {
         if cfg!(feature = "estimators") {
@@ -113,7 +112,7 @@ impl Rest {
         }
     }
 
-    /// Does what the guard decides for a sample that is not quiet.
+    /// Carries out the guard's decision for a sample that is not quiet.
     #[inline(always)]
     fn settle(&mut self, sampler: &mut GuardedSampler, judged: &Judged) -> SampleReport {
         let step = sampler.settle(judged, self.down.get(), self.guard.place());
@@ -126,7 +125,7 @@ impl Rest {
         step.report
     }
 
-    /// For a due sample: asks for its output.
+    /// For a due sample: requests its output.
     #[inline(always)]
     fn report(&mut self, report: SampleReport) {
         position_ring::note(report.motion.sample, report.motion.position);
@@ -135,7 +134,7 @@ impl Rest {
     }
 }
 
-/// The sampling task. Only it reads the encoder.
+/// The task `sample`. Only it reads the encoder.
 pub struct Sample(Owner<Sampling>);
 
 impl Sample {
@@ -153,12 +152,12 @@ impl Sample {
         (Self(owner), viewer)
     }
 
-    /// One sample: reads the count, computes position and velocity, judges them, and hands them on.
+    /// Runs one sample: reads the count, computes position and velocity, checks them, and hands them on.
     ///
-    /// The count comes first, because a late count makes the velocity wrong. The sample itself cannot be late, because
-    /// nothing masks it and no task preempts it. If the guard finds something, the output goes off at once, and again
-    /// with each sample until `clear`. With a due sample `render` switches off, or the next sample does if `render`
-    /// does not come.
+    /// The count is read first, because a late count makes the velocity wrong. The sample itself cannot be late:
+    /// nothing masks it and no task preempts it. If the guard finds a fault, the output goes off at once, and again
+    /// with each sample until `clear`. With a due sample, `render` switches off. If `render` does not run, the next
+    /// sample switches off.
     #[inline(always)]
     pub fn run(&mut self) {
         let Shown { shown: sampler, rest } = self.0.get();
@@ -168,7 +167,7 @@ impl Sample {
         let senses = rest.with_force(senses);
         let control = rest.control.get();
         let measured = sampler.measure(control, count, &senses);
-        // What the guard needs is read only now, when registers are free for it.
+        // The guard's numbers are read only now, when registers are free for them.
         let judged = sampler.judge(measured, control, rest.down.get());
         rest.hand_on(sampler, judged);
     }

@@ -1,24 +1,23 @@
-//! Frames out of a stream.
+//! Finds frames in a stream of bytes.
 
 use super::{Frame, Parts, Record, parts::kind};
 
 /// Finds the frames of both layouts in a stream that may begin anywhere and contain anything.
 ///
-/// After garbage it searches for the next frame at every byte, so only the damaged frame is lost.
+/// After garbage it searches for the next frame at every byte. So only the damaged frame is lost.
 #[derive(Clone, Copy, Debug)]
 pub struct Decoder {
     window: [u8; Frame::LEN_MAX],
-    /// The last frame that was found.
     last: [u8; Frame::LEN_MAX],
     length: usize,
     filled: usize,
     next: Option<u32>,
     earlier: [Record; Frame::OUTPUTS - 1],
-    /// Outputs of the last frame before its newest.
+    /// Number of outputs in the last frame before its newest.
     before: usize,
-    /// Frames that were found.
+    /// Number of frames so far.
     pub frames: u64,
-    /// Frames that are missing between these, by their sequence.
+    /// Number of missing frames between them, by their sequence.
     pub dropped: u64,
     /// Bytes that belong to no frame.
     pub garbage: u64,
@@ -31,7 +30,7 @@ impl Default for Decoder {
 }
 
 impl Decoder {
-    /// A decoder that has seen nothing.
+    /// A decoder before the first byte.
     pub const fn new() -> Self {
         Self {
             window: [0; Frame::LEN_MAX],
@@ -47,8 +46,8 @@ impl Decoder {
         }
     }
 
-    /// Takes one byte; returns the newest output of a frame that is then complete. [`earlier`](Self::earlier) has the
-    /// outputs before it.
+    /// Takes one byte. Returns the newest output of a frame that this byte completes. [`earlier`](Self::earlier) has
+    /// the outputs before it.
     pub fn push(&mut self, byte: u8) -> Option<Frame> {
         if let Some(place) = self.window.get_mut(self.filled) {
             *place = byte;
@@ -57,7 +56,8 @@ impl Decoder {
         self.pull()
     }
 
-    /// A complete frame in the bytes so far. What looked like a long frame may contain several.
+    /// A complete frame in the bytes so far. Bytes that look like the start of a long frame may hold several short
+    /// frames.
     fn pull(&mut self) -> Option<Frame> {
         while let Some(length) = self.length() {
             if self.filled < length {
@@ -91,13 +91,13 @@ impl Decoder {
         Parts::of(self.last.get(..self.length).unwrap_or_default())
     }
 
-    /// All outputs of the last frame, oldest first, each as a frame with its sequence.
+    /// All outputs of the last frame, oldest first, each as a frame with the same sequence.
     pub fn outputs(&self, newest: Frame) -> impl Iterator<Item = Frame> {
         let frame = move |&record| Frame { record, ..newest };
         self.earlier().iter().map(frame).chain([newest])
     }
 
-    /// Length of the frame at the beginning of the window, if it is known; none if there is nothing.
+    /// Length of the frame at the beginning of the window, as far as it is known. `None` if the window is empty.
     fn length(&mut self) -> Option<usize> {
         loop {
             let taken = self.window.get(..self.filled).unwrap_or_default();
@@ -121,7 +121,7 @@ impl Decoder {
         }
     }
 
-    /// Keeps the outputs before the newest; false if something is there that no frame has.
+    /// Stores the outputs before the newest. Returns false if the bytes are not those of a frame.
     fn take_earlier(&mut self, frame: &Frame, length: usize) -> bool {
         self.before = 0;
         if self.window.get(2) != Some(&Frame::VERSION_2) {
@@ -130,7 +130,7 @@ impl Decoder {
         let frame_bytes = self.window.get(..length).unwrap_or_default();
         let Some(&period) = frame_bytes.get(Frame::HEAD + 2) else { return false };
         let parts = Parts::of(frame_bytes);
-        // Parts that only a later image knows are skipped.
+        // Parts of an unknown kind, from a later image, are skipped.
         for (_, part) in parts.all().filter(|(kind, _)| *kind == kind::EARLIER) {
             let (outputs, rest) = part.as_chunks::<{ Frame::EARLIER }>();
             if !rest.is_empty() || outputs.len() > self.earlier.len() {
@@ -151,15 +151,15 @@ impl Decoder {
     fn count(&mut self, frame: &Frame) {
         self.frames += 1;
         let gap = self.next.map_or(0, |next| frame.sequence.wrapping_sub(next));
-        // If the sequence goes back, the board began anew; four billion frames were not dropped.
+        // If the sequence goes back, the board has started again. Four billion frames were not dropped.
         if gap < u32::MAX / 2 {
             self.dropped += u64::from(gap);
         }
         self.next = Some(frame.sequence.wrapping_add(1));
     }
 
-    /// The end of the stream; call it until it returns none. The bytes of an unfinished frame are garbage too, and a
-    /// frame may stand behind what looked like the beginning of a longer one.
+    /// Ends the stream. Call it until it returns `None`. The bytes of an unfinished frame are garbage too. A frame may
+    /// follow bytes that look like the start of a longer frame.
     pub fn finish(&mut self) -> Option<Frame> {
         while self.filled > 0 {
             if let Some(frame) = self.pull() {
@@ -184,9 +184,9 @@ impl Decoder {
         self.pass(start);
     }
 
-    /// Removes these bytes; the caller knows that there are so many.
+    /// Removes these bytes. The window must have them.
     fn pass(&mut self, bytes: usize) {
-        // For the compiler, which does not know that they are within the window.
+        // `min` is for the compiler, which does not know that they are within the window.
         self.window.copy_within(bytes.min(Frame::LEN_MAX).., 0);
         self.filled = self.filled.saturating_sub(bytes);
     }

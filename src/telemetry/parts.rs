@@ -1,6 +1,6 @@
 //! The parts of a frame: everything after its newest output.
 //!
-//! Each part is a kind, a length and that many bytes. `docs/telemetry.md` has the tables.
+//! Each part has a kind, a length and bytes of this length. `docs/telemetry.md` has the tables.
 
 use super::{Frame, Record, put, take};
 use crate::{
@@ -13,11 +13,11 @@ use crate::{
 pub(super) mod kind {
     /// Outputs before the newest.
     pub const EARLIER: u8 = 1;
-    /// Differences of the counts, a byte each, with an escape.
+    /// Differences of the counts, one byte each, with an escape.
     pub const COUNTS: u8 = 2;
-    /// The same, two in a byte.
+    /// The same differences, two in a byte.
     pub const SMALL_COUNTS: u8 = 3;
-    /// What an experiment pushed with.
+    /// Pushes of an experiment.
     pub const PUSHES: u8 = 4;
     /// Settings that are in force.
     pub const SETTINGS: u8 = 5;
@@ -29,7 +29,7 @@ pub(super) mod kind {
     pub const PORT: u8 = 8;
 }
 
-/// A difference that needs four more bytes.
+/// Escape: the difference follows in four more bytes.
 const ESCAPE: i8 = i8::MIN;
 
 /// Longest state of an estimator, bytes: a window of 255 samples.
@@ -38,36 +38,35 @@ pub const STATE_MAX: usize = 510;
 /// Settings in force, and their number in the records of their outputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InForce {
-    /// Their number, as in [`Record::settings`].
+    /// Number of the settings, as in [`Record::settings`].
     pub number: u16,
-    /// The device, with its full scale as calibrated.
+    /// The device, with its calibrated full scale.
     pub design: Design,
     /// Estimator and wall in SI units.
     pub settings: Settings,
 }
 
-/// The sampler after a sample: every later velocity follows from it and the counts.
+/// State of the sampler after a sample. Every later velocity follows from this state and the counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Key {
     /// Number of the sample, from 0.
     pub sample: u64,
-    /// [`InForce::number`] of the settings of the estimator that ran.
+    /// [`InForce::number`] of the settings with this estimator.
     pub settings: u16,
-    /// [`Tuned::number`] of that estimator's tuning.
+    /// [`Tuned::number`] of the estimator's tuning.
     pub tuning: u16,
-    /// How often the count was zeroed so far; wraps.
+    /// Number of zeroings of the count so far; wraps.
     pub zeros: u16,
-    /// Position at that sample; 0 if it was zeroed with it.
+    /// Position at this sample; 0 if the count was zeroed with it.
     pub position: Position,
-    /// Velocity at that sample.
+    /// Velocity at this sample.
     pub velocity: Velocity,
-    /// What the estimator remembers, [`State::put`].
     memory: [u8; STATE_MAX],
     length: usize,
 }
 
 impl Key {
-    /// The key of this state after `estimator`; `None` if its memory does not fit.
+    /// The key of this state with `estimator`. `None` if its memory does not fit.
     pub fn of(
         (sample, zeros): (u64, u16),
         state: &State,
@@ -93,7 +92,7 @@ impl Key {
         Self { sample, settings, tuning, zeros, position, velocity, memory, length }
     }
 
-    /// What the estimator remembers.
+    /// Memory of the estimator.
     pub fn memory(&self) -> &[u8] {
         self.memory.get(..self.length).unwrap_or_default()
     }
@@ -103,12 +102,12 @@ impl Key {
 pub struct FrameWriter<'a> {
     bytes: &'a mut [u8; Frame::LEN_MAX],
     used: usize,
-    /// Position of the length of the part that is being written.
+    /// Offset of the length of the part that is being written.
     part: usize,
 }
 
 impl<'a> FrameWriter<'a> {
-    /// Begins behind the frame's head.
+    /// A writer that begins behind the frame's head.
     pub(super) const fn new(bytes: &'a mut [u8; Frame::LEN_MAX], used: usize) -> Self {
         Self { bytes, used, part: 0 }
     }
@@ -133,7 +132,7 @@ impl<'a> FrameWriter<'a> {
         self.used = (self.used + N).min(Frame::LEN_MAX);
     }
 
-    /// The outputs before the newest, oldest first.
+    /// Adds the outputs before the newest, oldest first.
     pub(super) fn earlier(&mut self, outputs: &[Record]) {
         self.begin(kind::EARLIER);
         for record in outputs {
@@ -146,8 +145,8 @@ impl<'a> FrameWriter<'a> {
         self.end();
     }
 
-    /// The positions of the samples up to that of the newest output, oldest first, at most [`Frame::SAMPLES`] and the
-    /// one before them.
+    /// Adds the positions of the samples, oldest first, up to the sample of the newest output. First stands the
+    /// position of one sample before them. At most [`Frame::SAMPLES`] and this one.
     #[must_use]
     pub fn positions(mut self, positions: &[Position]) -> Self {
         let differences = || {
@@ -180,7 +179,7 @@ impl<'a> FrameWriter<'a> {
         self
     }
 
-    /// Pushes of an experiment at the outputs, oldest first. If all are zero, the part is left out.
+    /// Adds the pushes of an experiment at the outputs, oldest first. If all are zero, the part is left out.
     #[must_use]
     pub fn pushes(mut self, pushes: &[Force]) -> Self {
         if pushes.iter().any(|push| *push != Force::ZERO) {
@@ -225,7 +224,7 @@ impl<'a> FrameWriter<'a> {
         self
     }
 
-    /// The sampler as a sample left it.
+    /// Adds the sampler's state after a sample.
     #[must_use]
     pub fn key(mut self, key: &Key) -> Self {
         self.begin(kind::STATE);
@@ -248,7 +247,7 @@ impl<'a> FrameWriter<'a> {
         self
     }
 
-    /// What wall and hand have exchanged up to the newest output.
+    /// Adds the energy that wall and hand have exchanged up to the newest output.
     #[must_use]
     pub fn port(mut self, port: Exchanged) -> Self {
         self.begin(kind::PORT);
@@ -275,12 +274,12 @@ impl<'a> FrameWriter<'a> {
     }
 }
 
-/// The parts of a frame of layout 2; other frames have none.
+/// The parts of a frame of layout 2. Other frames have none.
 #[derive(Clone, Copy, Debug)]
 pub struct Parts<'a>(&'a [u8]);
 
 impl<'a> Parts<'a> {
-    /// Of a frame's bytes.
+    /// The parts in a frame's bytes.
     pub(super) fn of(frame: &'a [u8]) -> Self {
         let body = frame.split_last_chunk::<4>().map_or(&[][..], |(body, _)| body);
         match body.get(2) {
@@ -304,7 +303,7 @@ impl<'a> Parts<'a> {
         self.all().find_map(|(kind, part)| (kind == wanted).then_some(part))
     }
 
-    /// Whether they fill the frame, and each known part has its least length.
+    /// Whether the parts fill the frame, and each known part has its least length.
     pub(super) fn are_whole(self) -> bool {
         let filled: usize = self.all().map(|(_, part)| part.len() + 2).sum();
         let told = self.all().all(|(kind, part)| match kind {
@@ -319,8 +318,8 @@ impl<'a> Parts<'a> {
         filled == self.0.len() && told
     }
 
-    /// The positions of the samples up to that of the newest output, which is at `newest`, oldest first; before them
-    /// the position of the sample before. Empty if every sample has an output.
+    /// The positions of the samples, oldest first, up to the newest output, whose position is `newest`. First stands
+    /// the position of one sample before them. Empty if every sample has an output.
     pub fn positions(
         self,
         newest: Position,
@@ -339,7 +338,7 @@ impl<'a> Parts<'a> {
         places.get(..=count).unwrap_or_default()
     }
 
-    /// The push of an experiment at the `n`-th output of the frame, the oldest being 0.
+    /// The push of an experiment at the `n`-th output of the frame; the oldest output is 0.
     pub fn push(self, n: usize) -> Force {
         let (pushes, _) = self.find(kind::PUSHES).unwrap_or_default().as_chunks();
         pushes
@@ -347,7 +346,7 @@ impl<'a> Parts<'a> {
             .map_or(Force::ZERO, |bits| Force::saturating_from_bits(i32::from_le_bytes(*bits)))
     }
 
-    /// Settings in the frame; `None` for each if this build lacks its estimator.
+    /// Settings in the frame. An item is `None` if this build lacks the estimator.
     pub fn settings(self) -> impl Iterator<Item = Option<InForce>> + use<'a> {
         self.all().filter(|(kind, _)| *kind == kind::SETTINGS).map(|(_, part)| settings(part))
     }
@@ -359,7 +358,7 @@ impl<'a> Parts<'a> {
         Some(Exchanged { energy: number()?, given: number()? })
     }
 
-    /// The sampler's state, if it is a key frame.
+    /// The sampler's state, if this is a key frame.
     pub fn key(self) -> Option<Key> {
         let mut rest = self.find(kind::STATE)?;
         let sample = u64::from_le_bytes(take(&mut rest)?);
@@ -383,7 +382,7 @@ const PORT_LEAST: usize = 2 * 8;
 const SETTINGS_LEAST: usize = 2 + 4 + 4 + 2 + 4 + 6 * 8;
 const STATE_LEAST: usize = 8 + 3 * 2 + 2 * 4;
 
-/// Whether no escape is cut.
+/// Whether no escape is cut off.
 fn is_whole(mut rest: &[u8]) -> bool {
     while let Some((first, behind)) = rest.split_first() {
         let more = if first.cast_signed() == ESCAPE { 4 } else { 0 };

@@ -76,7 +76,7 @@ fn drops_are_counted_across_the_wrap_and_a_restart_is_none() {
     assert_eq!((decoder.frames, decoder.dropped, decoder.garbage), (7, 2, 0));
 }
 
-/// The stream ends before the end of what looked like a long frame: the frames inside it are found, in order.
+/// The stream ends before the end of bytes that began like a long frame. The frames inside them are found, in order.
 #[test]
 fn frames_behind_the_beginning_of_a_long_one_that_never_ends_are_found() {
     let mut stream = [0; 40];
@@ -90,7 +90,7 @@ fn frames_behind_the_beginning_of_a_long_one_that_never_ends_are_found() {
     assert_eq!((decoder.frames, decoder.dropped, decoder.garbage), (2, 0, 42));
 }
 
-/// Frames in a stream, and bytes of garbage before each.
+/// Frames in a stream. There are bytes of garbage before each.
 const PARTS: usize = if cfg!(miri) { 3 } else { 20 };
 const NOISE: usize = if cfg!(miri) { 8 } else { 90 };
 
@@ -126,7 +126,7 @@ proptest! {
         prop_assert_eq!(decoder.garbage, garbage);
     }
 
-    /// Frames of both layouts between garbage: every output once, in order, as it was sent.
+    /// Frames of both layouts between garbage. Every output is found once, in order, as it was sent.
     #[test]
     fn every_output_of_long_frames_is_found_between_garbage_and_short_ones(
         parts in prop::collection::vec(
@@ -153,7 +153,7 @@ proptest! {
         };
         let mut whole = [0; Frame::LEN_MAX];
         for (n, (outputs, period, noise)) in parts.iter().enumerate() {
-            // what all outputs of a frame have in common
+            // the values that all outputs of a frame share
             let Frame { sequence, record: Record { sample, settings, fault, .. } } = outputs[0];
             let count = outputs.len() as u64;
             let outputs: Vec<_> = outputs.iter().zip((0..count).rev()).map(|(output, back)| {
@@ -269,7 +269,7 @@ proptest! {
         let numbers = numbers.map(f64::round);
         let pushes: Vec<_> = pushes.into_iter().map(Force::saturating_from_bits).collect();
         let settings = in_force(number, name, numbers, output);
-        // a number without a place in the estimator's settings is not written
+        // a number that is no parameter of the estimator is not written
         let numbers = EstimatorName::of(&settings.settings.velocity).1;
         prop_assert_eq!(EstimatorName::of(&name.settings(numbers)).1, numbers);
         let frame = Frame { record: Record { position: *positions.last().unwrap(), ..frame.record }, ..frame };

@@ -1,25 +1,24 @@
-//! A second-order low-pass in direct form 1 with a DC gain of exactly one, whose output settles exactly: 32-bit
-//! coefficients, 64-bit accumulator, residue carried (error feedback).
+//! A second-order low-pass in direct form 1: 32-bit coefficients, 64-bit accumulator, carried residue (error feedback).
+//! Its DC gain is exactly one, and its output settles exactly.
 //!
 //! ```text
 //! y[n] = round((b0 x[n] + b1 x[n-1] + b2 x[n-2] - a1 y[n-1] - a2 y[n-2] + r[n]) / 2^30)
 //! ```
 //!
-//! `a1` and `a2` have the sign of the denominator `1 + a1 z^-1 + a2 z^-2`, as in the paper and in SciPy. In direct
-//! form 1 the state is past inputs and outputs, so coefficients can change between two samples without a kick in the
-//! hand.
+//! `a1` and `a2` have the sign of the denominator `1 + a1 z^-1 + a2 z^-2`, as in the paper and in SciPy. In direct form
+//! 1 the state consists of past inputs and outputs. So coefficients can change between two samples without a jump of
+//! the force.
 //!
-//! **Error feedback.** The part that rounding dropped, `e`, is added to the next sums, either as `r =
-//! e[n-1]` or as `r = 2 e[n-1] - e[n-2]`. So the output error is `(1 - z^-1) e / A(z)` or `(1 - z^-1)^2 e
-//! / A(z)`. Both are 0 at DC: with a DC gain of exactly one, the sum of the outputs follows the sum of
-//! the inputs for ever. Elsewhere they differ. Low cutoffs put both poles near z = 1, where the first
-//! order leaves a gain of about `1 / w` (12 LSB RMS and limit cycles of 9 LSB at 0.3 .. 0.5 Hz and 10
-//! kHz), and the second order leaves 0.3 LSB RMS. High cutoffs have no such gain, and the second order
-//! would only amplify (1 LSB RMS at 4990 Hz against 0.55). The design chooses the order ([`Shaping`]) by
-//! the cutoff.
+//! **Error feedback.** Rounding drops the part `e` of a sum. It is added to the next sums, either as `r = e[n-1]` or as
+//! `r = 2 e[n-1] - e[n-2]`. So the output error is `(1 - z^-1) e / A(z)` or `(1 - z^-1)^2 e / A(z)`. Both are 0 at DC:
+//! with a DC gain of exactly one, the sum of the outputs follows the sum of the inputs for ever. At other frequencies
+//! they differ. Low cutoffs put both poles near z = 1. There the first order leaves a gain of about `1 / w` (12 LSB RMS
+//! and limit cycles of 9 LSB at 0.3 .. 0.5 Hz and 10 kHz). The second order leaves 0.3 LSB RMS. High cutoffs have no
+//! such gain, and the second order would only amplify (1 LSB RMS at 4990 Hz against 0.55). The design chooses the order
+//! ([`Shaping`]) by the cutoff.
 //!
-//! `idsp`'s direct forms compute the same products. But its first-order form wraps where this one must saturate (an
-//! overshoot at full scale), and its wide form truncates and so has a bias at DC; `docs/theory.md` has the numbers.
+//! The direct forms of `idsp` compute the same products. But its first-order form wraps at an overshoot at full scale,
+//! where this filter must saturate. Its wide form truncates, and so has a bias at DC. `docs/theory.md` has the numbers.
 //! Coefficients are `dsp-fixedpoint` values.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
@@ -46,14 +45,14 @@ pub enum Shaping {
     Second,
 }
 
-/// Coefficients of the filter; made by [`ButterworthDesign::quantise`](super::ButterworthDesign::quantise).
+/// Coefficients of the filter. Made by [`ButterworthDesign::quantise`](super::ButterworthDesign::quantise).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Biquad {
     b: [Coefficient; 3],
-    /// `-a1` and `-a2`, so that five products and the residue are one sum, which the Cortex-M4 adds while it
+    /// `-a1` and `-a2`. With these signs five products and the residue are one sum. The Cortex-M4 adds it while it
     /// multiplies.
     back: [Coefficient; 2],
-    /// Mask of the second difference of the residue: -1 with it, 0 without.
+    /// Mask for the second difference of the residue: -1 with it, 0 without it.
     second: i32,
 }
 
@@ -61,8 +60,8 @@ impl Biquad {
     /// Fractional bits of a coefficient.
     pub const FRACTION_BITS: u32 = 30;
 
-    /// With these coefficients in LSB of 2^-30, and the first or the second order of error feedback. `a1` and `a2` are
-    /// above -2.
+    /// A filter with these coefficients in LSB of 2^-30. `second`: second order of error feedback, else first. `a1` and
+    /// `a2` must be above -2.
     pub(super) fn new(b: [i32; 3], a: [i32; 2], second: bool) -> Self {
         let q = Coefficient::from_bits;
         Self { b: b.map(q), back: a.map(|bits| q(-bits)), second: -i32::from(second) }
@@ -81,14 +80,14 @@ impl Biquad {
     }
 
     /// Filters one sample. It saturates before the feedback, so that an overload ends with its input. The state
-    /// saturates one count per sample beyond [`Velocity`], because the error feedback of a speed at the limit needs
-    /// that room. Otherwise the clipping would lower the mean.
+    /// saturates one count per sample beyond [`Velocity`]. The error feedback of a speed at the limit needs this room.
+    /// Otherwise the clipping would lower the mean.
     #[inline]
     pub fn update(&self, state: &mut BiquadState, input: Velocity) -> Velocity {
         self.update_sealed((state, &mut 0), input)
     }
 
-    /// The same with the seal of [`Form::sealed`].
+    /// As [`update`](Self::update), with the seal of [`Form::sealed`].
     #[inline(always)]
     fn update_sealed(
         &self,
@@ -100,10 +99,10 @@ impl Biquad {
         let [y1, y2] = state.y;
         let [r1, r2] = state.dropped;
         *seal = seal.wrapping_sub([x2, y2, r2].sum());
-        // Sum of the magnitudes below 2^63: the design keeps |b0| + |b1| + |b2| + |a1| + |a2| < 4.
+        // The sum of the magnitudes is below 2^63: the design keeps |b0| + |b1| + |b2| + |a1| + |a2| < 4.
         let [b0, b1, b2] = self.b;
         let [c1, c2] = self.back;
-        // Below 2^31 as they are made. A flipped bit may let them wrap; their sum then shows it.
+        // Below 2^31 as written. A flipped bit may make it wrap. The sum then shows the bit.
         let carried = i64::from(r1.wrapping_add(self.second & r1.wrapping_sub(r2)));
         let sum = b0 * x0 + b1 * x1 + b2 * x2 + c1 * y1 + c2 * y2;
         let total = sum.into_bits() + carried;
@@ -112,7 +111,7 @@ impl Biquad {
         let dropped = (total & ((1 << Self::FRACTION_BITS) - 1)) as i32;
         state.dropped = [dropped, r1];
         *seal = seal.wrapping_add([x0, dropped].sum());
-        // Nearly always no saturation is near, and one comparison shows that.
+        // Saturation is hardly ever near, and one comparison shows that.
         if upper.wrapping_add(NEAR).cast_unsigned() < 2 * NEAR.cast_unsigned() {
             #[expect(clippy::cast_possible_truncation, reason = "within 4 NEAR")]
             let y0 = (total >> Self::FRACTION_BITS) as i32;
@@ -129,7 +128,7 @@ impl Biquad {
     }
 }
 
-/// An accumulator whose upper half is within +-this rounds to a velocity that is in range.
+/// Limit of the accumulator's upper half. Within it the rounded velocity is in range.
 const NEAR: i32 = 0x1F00_0000;
 const _: () = assert!(4 * (NEAR as i64) < Velocity::LIMIT_BITS as i64);
 
@@ -138,8 +137,8 @@ const _: () = assert!(4 * (NEAR as i64) < Velocity::LIMIT_BITS as i64);
 pub struct BiquadState {
     x: [i32; 2],
     y: [i32; 2],
-    /// What rounding down has dropped, 0 to 2^30: half an LSB more than the residue, so that the sum already has the
-    /// half that rounds.
+    /// Parts that rounding down has dropped, 0 to 2^30. They are half an LSB more than the residue, so that the sum
+    /// already has the half for rounding.
     dropped: [i32; 2],
 }
 
@@ -172,7 +171,7 @@ impl Kept for BiquadState {
 
 #[cfg(test)]
 impl Biquad {
-    /// Coefficients b0, b1, b2, a1, a2 and the mask of the second residue, as they are.
+    /// A filter with the coefficients b0, b1, b2, a1, a2 and the mask of the second residue, unchecked.
     pub(crate) fn from_bits([b0, b1, b2, a1, a2]: [i32; 5], second: i32) -> Self {
         Self { second, ..Self::new([b0, b1, b2], [a1, a2], false) }
     }

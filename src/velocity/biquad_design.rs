@@ -1,5 +1,5 @@
-//! Design of a biquad behind the finite difference, from quantities with a meaning: two poles, and two zeros, of which
-//! the first follows from the lead of the velocity.
+//! Design of a biquad behind the finite difference, from physical quantities: two poles and two zeros. The lead of the
+//! velocity determines the first zero.
 //!
 //! ```text
 //! poles        p = exp(-w zeta +- w sqrt(zeta^2 - 1)),   w = 2 pi frequency / rate     matched: of s^2 + 2 zeta w s + w^2
@@ -8,13 +8,15 @@
 //! lead         g + h - P - 1/2 samples,   P = p / (1 - p) + p' / (1 - p') = -(a1 + 2 a2) / S
 //! ```
 //!
-//! A slow motion is led by `g` and `h` samples, and late by the poles' `P` and the difference's 1/2. With `lead = 0`
-//! the velocity is that of the sample itself. The second zero is at `zero` in the z plane. At -1 it removes half the
-//! rate, as both zeros of a Butterworth low-pass do. At 0 there is none, and above 0 it leads like the first one.
+//! A slow motion leads by `g` and `h` samples, and lags by the poles' `P` and the difference's 1/2. With `lead = 0` the
+//! velocity is the velocity at the sample itself. The second zero is at `zero` in the z plane. At -1 it removes half
+//! the sample rate, as both zeros of a Butterworth low-pass do. At 0 there is no second zero. Above 0 it leads like the
+//! first one.
 //!
-//! A cascade has two of them. The second follows a velocity, not a difference, so its lead lacks the half sample.
+//! A cascade has two biquads. The second one gets a velocity, not a difference. So its lead does not contain the half
+//! sample.
 //!
-//! **What is accepted.** The first zero may lie from -1 on. The magnitudes of the coefficients add up to less than 4,
+//! **Accepted values.** The first zero may be at -1 or above. The magnitudes of the coefficients add up to less than 4,
 //! so that no sum overflows for any counts. This bounds the lead of a low frequency.
 
 use core::ops::RangeInclusive;
@@ -22,21 +24,20 @@ use core::ops::RangeInclusive;
 use super::{Cascade, biquad::Biquad};
 use crate::range::{SettingsError, within};
 
-/// Lowest and highest accepted frequency of the poles, as a fraction of the sample rate; `S` has 51 LSB of 2^-30 at the
-/// lowest.
+/// Lowest and highest accepted frequency of the poles, as a fraction of the sample rate. At the lowest, `S` has 51 LSB
+/// of 2^-30.
 pub const FREQUENCY: RangeInclusive<f64> = 3.5e-5..=0.2;
 /// Accepted damping ratios of the poles.
 pub const DAMPING: RangeInclusive<f64> = 0.02..=4.0;
-/// Range of the second zero; the coefficients may leave room for less.
+/// Range of the second zero. The coefficients may have room for less.
 const ZERO: [f64; 2] = [-1.0, 0.98];
-/// Lowest place of the first zero, as `g`: -1.
+/// Lowest first zero, -1, as `g`.
 const LEAST: f64 = -0.5;
 /// The largest sum of the coefficients' magnitudes.
 const SUM: f64 = 3.999;
-/// A coefficient, at most.
+/// The largest magnitude of a coefficient.
 const COEFFICIENT: f64 = 1.999;
-/// Below this fraction of the sample rate the second order of error feedback is the quieter one, as for a Butterworth
-/// low-pass.
+/// Below this fraction of the sample rate the second order of error feedback is quieter, as for a Butterworth low-pass.
 const SECOND_ORDER_BELOW: f64 = 0.064;
 
 /// A biquad in floating point, normalised to `a0 = 1`.
@@ -55,8 +56,8 @@ impl BiquadDesign {
     /// The biquad with poles of this frequency and damping, this lead at low frequencies, and this second zero.
     ///
     /// # Errors
-    /// Names the parameter that is out of range; the range of the zero follows from the poles, that of the lead from
-    /// all others.
+    /// Names the parameter that is out of range. The range of the zero follows from the poles. The range of the lead
+    /// follows from all others.
     pub fn new(
         frequency_hz: f64,
         damping: f64,
@@ -64,11 +65,11 @@ impl BiquadDesign {
         zero: f64,
         rate_hz: f64,
     ) -> Result<Self, SettingsError> {
-        // the difference is late by half a sample
+        // the difference lags by half a sample
         Self::section(frequency_hz, damping, lead_s, zero, rate_hz, 0.5)
     }
 
-    /// As [`new`](Self::new), behind a delay of `late` samples, which the lead compensates too.
+    /// As [`new`](Self::new), behind a delay of `late` samples. The lead compensates this delay too.
     fn section(
         frequency_hz: f64,
         damping: f64,
@@ -84,7 +85,8 @@ impl BiquadDesign {
         let [less, product] = poles(2.0 * core::f64::consts::PI * frequency_per_rate, damping);
         let a = [less - 1.0 - product, product];
         let own = Self { b: [0.0; 3], a, dc_sum: less, frequency_per_rate };
-        // With the first zero at -1 the numerator's magnitudes add up to S / (1 - zero), or to S for a zero below 0.
+        // With the first zero at -1 the numerator's magnitudes add up to S / (1 - zero), or to S for a second zero
+        // below 0.
         let room = SUM - a[0].abs() - a[1].abs();
         within("zero", zero, ZERO[0]..=ZERO[1].min(1.0 - less / room))?;
         let h = zero / (1.0 - zero);
@@ -116,29 +118,30 @@ impl BiquadDesign {
         good
     }
 
-    /// Coefficients in LSB of 2^-30, with a DC gain of exactly one: all within one LSB but `b1`, which is within two.
+    /// Coefficients in LSB of 2^-30, with a DC gain of exactly one. All are within one LSB, but `b1` is within two.
     pub fn quantise(&self) -> Biquad {
         let one = 1i32 << Biquad::FRACTION_BITS;
         #[expect(clippy::cast_possible_truncation, reason = "below 2 in magnitude, so below 2^31")]
         let to_bits = |value: f64| libm::round(value * f64::from(one)) as i32;
         let [b0, _, b2] = self.b.map(to_bits);
         let (a2, dc_sum) = (to_bits(self.a[1]), to_bits(self.dc_sum));
-        // Both are within i32, because their values are below 2; a sum on the way may not be.
+        // Both are within i32, because their values are below 2. An intermediate sum may not be.
         let a1 = dc_sum.wrapping_sub(one).wrapping_sub(a2);
         let b1 = dc_sum.wrapping_sub(b0).wrapping_sub(b2);
         Biquad::new([b0, b1, b2], [a1, a2], self.frequency_per_rate < SECOND_ORDER_BELOW)
     }
 }
 
-/// Two biquads in a row: the leads add up.
+/// Two biquads in series. Their leads add up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CascadeDesign {
-    /// The first one first.
+    /// The sections in their order.
     pub sections: [BiquadDesign; 2],
 }
 
 impl CascadeDesign {
-    /// Sections from frequency (Hz; of the second, relative to the first), damping, lead in s and second zero.
+    /// A cascade from two sections: frequency, damping, lead in s, second zero. The first frequency is in Hz, the
+    /// second one relative to the first.
     ///
     /// # Errors
     /// Names the parameter that is out of range.
@@ -193,14 +196,14 @@ mod tests {
 
     const RATE_HZ: f64 = 1e4;
 
-    /// The range that a refusal names.
+    /// The range in a refusal.
     fn range(result: Result<BiquadDesign, SettingsError>, key: &str) -> [f64; 2] {
         let error = result.unwrap_err();
         assert_eq!(error.parameter, key);
         [*error.range.start(), *error.range.end()]
     }
 
-    /// Designs from end to end of what is accepted.
+    /// Designs over the whole accepted range.
     fn designs() -> Vec<BiquadDesign> {
         let mut all = Vec::new();
         for frequency_hz in [0.35, 2.0, 30.0, 150.0, 430.0, 900.0, 2000.0] {
@@ -241,8 +244,8 @@ mod tests {
         assert!(widest > 3.99, "{widest}");
     }
 
-    /// Against the roots themselves: the poles' place, the second zero, and the mean of the response weighted by time,
-    /// which is the delay.
+    /// Compared with the roots themselves: the poles, the second zero, and the delay, which is the mean of the response
+    /// weighted by time.
     #[test]
     fn poles_zeros_and_lead_are_where_they_were_asked_for() {
         for (f, damping, lead_s, zero) in [

@@ -1,5 +1,5 @@
-//! Design of the second-order low-pass, in particular Butterworth's, and its quantisation: the paper's equation (2),
-//! with the exact `2 sqrt(2)` where the paper prints 2.8.
+//! Design and quantisation of the second-order low-pass, in particular Butterworth's. It is the paper's equation (2),
+//! with the exact `2 sqrt(2)` in place of the printed 2.8.
 //!
 //! ```text
 //! H(s) = wc^2 / (s^2 + sqrt(2) wc s + wc^2),   s = (2/T) (z - 1)/(z + 1)      bilinear
@@ -8,7 +8,7 @@
 //! b0 = b2 = w^2 / a0,  b1 = 2 b0,  a1 = (2 w^2 - 8) / a0,  a2 = (4 - 2 sqrt(2) w + w^2) / a0
 //! ```
 //!
-//! **Which cutoffs are accepted.** From [`CUTOFF_MIN`] to [`CUTOFF_MAX`] of the sample rate:
+//! **Accepted cutoffs**: from [`CUTOFF_MIN`] to [`CUTOFF_MAX`] of the sample rate.
 //!
 //! | rate   | lowest cutoff | highest |
 //! |--------|---------------|---------|
@@ -16,12 +16,12 @@
 //! | 10 kHz | 0.35 Hz       | 4990 Hz |
 //! | 50 kHz | 1.75 Hz       | 24950 Hz |
 //!
-//! The lower end is where quantisation may change the -3 dB frequency by 1 %. This frequency is
-//! proportional to the DC sum `S = 2^30 (1 + a1 + a2)`, which is `2^30 w^2` rounded to an integer (the
-//! damping stays, so the response tilts as well as shifts). With `S >= 51` the relative error `1 / (2
-//! S)` is below 1 %. Pre-warping reaches half the rate only in the limit of coefficients that add up to
-//! 8, with which the accumulator would overflow. So pre-warped cutoffs end at [`PREWARPED_MAX`] of the
-//! rate.
+//! At the lower end quantisation may change the -3 dB frequency by 1 %. This frequency is proportional to the DC sum
+//! `S = 2^30 (1 + a1 + a2)`, which is `2^30 w^2` rounded to an integer. The damping stays, so the response tilts as
+//! well as shifts. With `S >= 51` the relative error `1 / (2 S)` is below 1 %.
+//!
+//! Pre-warping reaches half the rate only in a limit in which the coefficients add up to 8. With these the accumulator
+//! would overflow. So pre-warped cutoffs end at [`PREWARPED_MAX`] of the rate.
 
 use core::{f64::consts::SQRT_2, ops::RangeInclusive};
 
@@ -34,16 +34,16 @@ pub const CUTOFF_MIN: f64 = 3.5e-5;
 pub const CUTOFF_MAX: f64 = 0.499;
 /// Highest accepted cutoff with pre-warping, as a fraction of the sample rate.
 pub const PREWARPED_MAX: f64 = 0.38;
-/// Accepted quality factors: up to the highest one the coefficients' magnitudes add up to less than 4 at every cutoff.
+/// Accepted quality factors. Up to the highest one the coefficients' magnitudes add up to less than 4 at every cutoff.
 pub const QUALITY: RangeInclusive<f64> = 0.3..=2.0;
-/// Above this fraction of the sample rate the first order of error feedback is the quieter one, to 1 % (the two cross
-/// at 0.0655). There both leave 0.36 LSB RMS, by the sum of the squared impulse responses of `(1 - z^-1)^k / A(z)`.
+/// Above this fraction of the sample rate the first order of error feedback is quieter, to 1 % (the two are equal at
+/// 0.0655). There both leave 0.36 LSB RMS, by the sum of the squared impulse responses of `(1 - z^-1)^k / A(z)`.
 const SECOND_ORDER_BELOW: f64 = 0.064;
 
 /// Frequency at which the unquantised digital filter is at -3 dB, in Hz.
 ///
-/// The bilinear transform maps the analog cutoff `fc` to `atan(pi fc T) / (pi T)`; with
-/// pre-warping it is `fc` itself.
+/// The bilinear transform maps the analog cutoff `fc` to `atan(pi fc T) / (pi T)`. With pre-warping the frequency is
+/// `fc` itself.
 pub fn true_cutoff_hz(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> f64 {
     if prewarp {
         cutoff_hz
@@ -61,7 +61,7 @@ fn digital_frequency(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<f64,
     Ok(if prewarp { prewarped(angle) } else { angle })
 }
 
-/// Not inlined: every cutoff would need the stack that `tan` needs.
+/// Not inlined. Otherwise every cutoff would need the stack of `tan`.
 #[inline(never)]
 fn prewarped(angle: f64) -> f64 {
     2.0 * libm::tan(angle / 2.0)
@@ -88,10 +88,10 @@ impl ButterworthDesign {
         Ok(Self::of(digital_frequency(cutoff_hz, rate_hz, prewarp)?, SQRT_2, cutoff_hz / rate_hz))
     }
 
-    /// The same with any quality factor, not pre-warped.
+    /// As [`new`](Self::new), with any quality factor, without pre-warping.
     ///
     /// # Errors
-    /// `cutoff_hz` as above, or `quality` outside [`QUALITY`].
+    /// `cutoff_hz` is out of range as in [`new`](Self::new), or `quality` is outside [`QUALITY`].
     pub fn damped(cutoff_hz: f64, quality: f64, rate_hz: f64) -> Result<Self, SettingsError> {
         within("quality", quality, QUALITY)?;
         let w = digital_frequency(cutoff_hz, rate_hz, false)?;
@@ -111,8 +111,8 @@ impl ButterworthDesign {
 
     /// The coefficients in LSB of 2^-30, with a DC gain of exactly one.
     ///
-    /// `a2` is rounded. The DC sum `S` is rounded from `4 b0`, where nothing cancels. `a1` is the rest, and the
-    /// numerator is split so that it adds up to `S`. So `a2` is within half an LSB, `a1` and `b0` within one, `b1`
+    /// `a2` is rounded. The DC sum `S` is rounded from `4 b0`, where nothing cancels. `a1` is the rest. The numerator
+    /// is split so that it adds up to `S`. So `a2` is within half an LSB, `a1` and `b0` are within one, and `b1` is
     /// within two.
     pub fn quantise(&self) -> Biquad {
         const ONE: i32 = 1 << Biquad::FRACTION_BITS;
@@ -130,8 +130,8 @@ impl ButterworthDesign {
     }
 }
 
-/// First-order low-pass `wc / (s + wc)` in floating point, by the same transform:
-/// `b0 = b1 = w / (2 + w)`, `a1 = (w - 2) / (2 + w)`.
+/// First-order low-pass `wc / (s + wc)` in floating point, by the same transform. Its coefficients are
+/// `b0 = b1 = w / (2 + w)` and `a1 = (w - 2) / (2 + w)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
     /// Gain of the numerator `b0 (1 + z^-1)`.
@@ -153,8 +153,8 @@ impl FirstOrder {
         Self { b0: w / (2.0 + w), a1: (w - 2.0) / (2.0 + w) }
     }
 
-    /// The coefficients in LSB of 2^-30, with a DC gain of exactly one; within one LSB each. Its
-    /// pole needs no second order of error feedback at any cutoff.
+    /// The coefficients in LSB of 2^-30, with a DC gain of exactly one. Each is within one LSB. Its pole needs no
+    /// second order of error feedback at any cutoff.
     pub fn quantise(&self) -> Biquad {
         const ONE: i32 = 1 << Biquad::FRACTION_BITS;
         #[expect(clippy::cast_possible_truncation, reason = "2 b0 < 2")]
@@ -167,7 +167,7 @@ impl FirstOrder {
 }
 
 impl Biquad {
-    /// The low-pass of first or second order in integers, as all rows of the table use it.
+    /// The low-pass of first or second order in integers, for all rows of the table.
     #[inline(never)] // once in the image
     pub(super) fn low_pass(
         order: u32,
@@ -192,12 +192,11 @@ impl Biquad {
         Ok(ButterworthDesign::damped(cutoff_hz, quality, rate_hz)?.quantise())
     }
 
-    /// Frequency at which the filter, with the coefficients as quantised, is at -3 dB, in Hz.
+    /// Frequency at which the filter with its quantised coefficients is at -3 dB, in Hz.
     ///
-    /// With `s = sin^2(w/2)` both magnitudes are polynomials in `s` whose coefficients are exact
-    /// integers, so nothing cancels at low cutoffs:
-    /// `|N|^2 = (S - 4 b0 s)^2`, `|D|^2 = S^2 - 4 P s + 16 Q s^2`,
-    /// `P = a1 (1 + a2) + 4 a2`, `Q = a2`; `2 |N|^2 = |D|^2` is a quadratic.
+    /// With `s = sin^2(w/2)` both magnitudes are polynomials in `s`. Their coefficients are exact integers, so nothing
+    /// cancels at low cutoffs. The polynomials are `|N|^2 = (S - 4 b0 s)^2` and `|D|^2 = S^2 - 4 P s + 16 Q s^2`, with
+    /// `P = a1 (1 + a2) + 4 a2` and `Q = a2`. The condition `2 |N|^2 = |D|^2` is a quadratic equation.
     pub fn cutoff_hz(&self, rate_hz: f64) -> f64 {
         let [b0, b1, b2, a1, a2] = self.bits().map(i128::from);
         let one = 1i128 << Biquad::FRACTION_BITS;

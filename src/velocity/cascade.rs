@@ -1,22 +1,22 @@
-//! Two biquads in a row behind the finite difference: four poles and four zeros.
+//! Two biquads in series behind the finite difference: four poles and four zeros.
 //!
-//! The first one's output is a [`Velocity`], rounded with its own error feedback. So nothing is lost between the two at
-//! rest and at a constant speed. [`CascadeDesign`](super::CascadeDesign) has the equations.
+//! The output of the first section is a [`Velocity`], rounded with its own error feedback. So nothing is lost between
+//! the two at rest and at a constant speed. [`CascadeDesign`](super::CascadeDesign) has the equations.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use super::{Biquad, BiquadState, Form, Senses};
 use crate::units::Velocity;
 
-/// Two biquads in a row; made by [`CascadeDesign::quantise`](super::CascadeDesign::quantise).
+/// Two biquads in series. Made by [`CascadeDesign::quantise`](super::CascadeDesign::quantise).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cascade {
-    /// The first section first.
+    /// The sections in their order.
     pub(super) sections: [Biquad; 2],
 }
 
 impl Cascade {
-    /// The sections, the first one first.
+    /// The sections in their order.
     pub fn sections(&self) -> &[Biquad; 2] {
         &self.sections
     }
@@ -54,7 +54,7 @@ mod tests {
         counts.map(|count| form.step(&mut state, count, &Senses::default()).bits()).collect()
     }
 
-    /// Against the product of both transfer functions as one recursion of fourth order.
+    /// Compared with the product of both transfer functions, as one recursion of fourth order.
     #[test]
     fn it_is_the_product_of_its_sections() {
         let design = CascadeDesign::new(FIRST, SECOND, 1e4).unwrap();

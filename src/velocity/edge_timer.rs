@@ -1,31 +1,29 @@
 //! Edge times from a timer that captures the encoder's edges.
 //!
-//! The encoder's counter is read first, then the capturing timer's count, then its captures. Both see the same edges
-//! through the same filter, at the same time. This file makes an [`Edge`] from them:
+//! First the encoder's counter is read, then the capturing timer's count, then its captures. Counter and timer see the
+//! same edges through the same filter, at the same time. This file makes an [`Edge`] from them.
 //!
-//! **Which edge.** An edge may come between the readings; then the count does not have it. An edge that is newer
-//! than the timer's reading does not belong to this sample. One that is hardly older ([`CLOSE`]) may not either. A
-//! and B alternate, so the channel of the last edge in a count follows from the direction and from whether the
-//! count is odd. Which channel is which is learnt from edges that leave no doubt, and again with each of them.
-//! Before the first of them, a count that moved has the edge. An edge that is not in the count waits for the next
-//! one.
+//! **Which edge.** An edge may come between the readings. Then the count does not have it. An edge that is newer than
+//! the timer's reading does not belong to this sample. An edge that is hardly older ([`CLOSE`]) may not belong to it
+//! either. A and B alternate. So the direction, and whether the count is odd, give the channel of the last edge in the
+//! count. Edges without any doubt teach which channel this is, and each of them teaches it again. Before the first such
+//! edge, a count that has moved is taken to have the edge. An edge that is not in the count waits for the next count.
 //!
-//! **No edge** in the count since the last sample: the old one is older by exactly one sample. The timer wraps after a
-//! few samples, so its count alone does not tell this.
+//! **No edge** since the last sample: the old edge is older by exactly one sample. The timer wraps after a few samples,
+//! so its count alone cannot give this age.
 //!
-//! **Age of what.** Samples are taken at equal distances, except for some cycles of the processor. One reading sets
-//! the phase of all samples, and ages refer to this phase. So an estimator's sample is the nominal one, and no
-//! jitter enters. Only an edge between the nominal and the true reading is wrong, by at most their distance (its age
-//! is cut to 0, or to one sample with the next count). A reading that is more than [`CLOSE`] ticks off sets the
-//! phase again: the first readings come when the program is ready, and a delayed one must not set the phase for the
+//! **Age.** Samples are taken at equal intervals, except for some cycles of the processor. One reading sets the phase
+//! of all samples, and ages refer to this phase. So an estimator works with the nominal sample, without jitter. Only
+//! the age of an edge between the nominal and the true reading is wrong, by at most their distance. It is cut to 0, or
+//! to one sample with the next count. A reading that is more than [`CLOSE`] ticks off sets the phase again. This is
+//! needed because the first readings come when the program is ready, and a delayed one must not set the phase for the
 //! others.
 //!
-//! **Error.** The age is wrong by less than a tick, and up to 2^-16 samples too short. A channel keeps
-//! its last edge only, and the direction is read after the count. So two cases lose the last edge of a
-//! count: the handle turns in a sample and an edge comes between the readings, or two edges come between
-//! the readings. Then there is no edge, and the estimator assumes half a count's time as its age. One
-//! edge can be taken for another only if the handle turns twice in a sample, the second time between the
-//! readings.
+//! **Error.** The age is wrong by less than a tick, and up to 2^-16 samples too short. A channel keeps only its last
+//! edge, and the direction is read after the count. So two cases lose the last edge of a count. In the first, the
+//! handle turns in a sample and an edge comes between the readings. In the second, two edges come between the readings.
+//! Then no edge is reported, and the estimator assumes half a count's time as the edge's age. One edge can be taken for
+//! another only if the handle turns twice in a sample, the second time between the readings.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -33,48 +31,46 @@ use core::hint::cold_path;
 
 use super::senses::Edge;
 
-/// An edge that is at most this old, in ticks, may have come between the two readings.
+/// Largest age of an edge that may have come between the two readings, ticks.
 pub const CLOSE: u32 = 32;
 
-/// The capturing timer at a sample, in the order in which it is read.
+/// Values of the capturing timer at a sample, in the order of their reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Captures {
-    /// Its count, right after that of the encoder.
+    /// Count of the timer, read right after the encoder's count.
     pub now: u16,
-    /// The encoder's count went up with its last edge.
+    /// Whether the encoder's count went up with its last edge.
     pub up: bool,
-    /// Its count at the last edge of A and of B, for each that came since the last sample.
+    /// Count of the timer at the last edge of A and of B; `None` without an edge since the last sample.
     pub at: [Option<u16>; 2],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Captured {
-    /// Count of the timer then.
+    /// Count of the timer at the edge.
     at: u16,
-    /// The edge is on channel A.
     is_a: bool,
 }
 
-/// Makes edges of captures, of a timer with `TICKS` per sample that wraps at [`WRAP`](Self::WRAP).
+/// Makes edges from captures. The timer has `TICKS` per sample, and wraps at [`WRAP`](Self::WRAP).
 #[derive(Clone, Copy, Debug)]
 pub struct EdgeTimer<const TICKS: u32> {
-    /// Encoder's count at the last sample.
     count: u32,
-    /// Ticks after a sample's beginning at which it is taken.
+    /// Ticks from a sample's beginning to its reading.
     phase: Option<u32>,
     /// An edge that came after the last count was read.
     waiting: Option<Captured>,
-    /// Channel, oddness and direction of a count's last edge, combined; the same for all edges.
+    /// Channel, oddness and direction of a count's last edge, combined. It is the same for all edges.
     turns: Option<bool>,
     latest: Option<Edge>,
 }
 
 impl<const TICKS: u32> EdgeTimer<TICKS> {
-    /// Whole samples, as many as fit into 16 bits.
+    /// Ticks of as many whole samples as fit into 16 bits.
     pub const WRAP: u32 = (1 << 16) / TICKS * TICKS;
     const FITS: () = assert!(TICKS > 4 * CLOSE && Self::WRAP >= 3 * TICKS, "three samples");
 
-    /// Before the first sample.
+    /// A timer before the first sample.
     pub const fn new() -> Self {
         let () = Self::FITS;
         Self { count: 0, phase: None, waiting: None, turns: None, latest: None }
@@ -122,7 +118,7 @@ impl<const TICKS: u32> EdgeTimer<TICKS> {
                     None => waiting,
                 };
                 given_up |= before.is_some();
-                // A count in the other direction turned with the edge that is missing.
+                // If the count went the other way, the handle turned at the missing edge.
                 let straight = moved && (counts > 0) == up;
                 before
                     .filter(|&edge| straight && self.turns.is_none_or(|known| known == turns(edge)))
@@ -138,22 +134,21 @@ impl<const TICKS: u32> EdgeTimer<TICKS> {
         self.latest
     }
 
-    /// The captures, the newest first, each with its age at `now`; a capture after `now` has no
-    /// age.
+    /// The captures, the newest first, each with its age at `now`. A capture after `now` has no age.
     #[inline]
     fn in_order(&self, captures: &Captures) -> [Option<(Captured, Option<u32>)>; 2] {
         let [a, b] = captures.at.map(|at| at.map(|at| (at, since(Self::WRAP, at, captures.now))));
         let seen = |since: u32| (since < Self::WRAP - TICKS).then_some(since);
         let a_side = a.map(|(at, since)| (Captured { at, is_a: true }, seen(since)));
         let b_side = b.map(|(at, since)| (Captured { at, is_a: false }, seen(since)));
-        // Captures after `now` are almost a whole turn old: with a shift, all are in order.
+        // Captures after `now` are almost a whole turn old. A shift puts all in order.
         let age = |side: Option<(u16, u32)>| {
             side.map_or(u32::MAX, |(_, since)| (since + TICKS) % Self::WRAP)
         };
         if age(a) <= age(b) { [a_side, b_side] } else { [b_side, a_side] }
     }
 
-    /// By how many ticks a reading at `now` is late; early if negative.
+    /// Ticks by which a reading at `now` is late. Negative: early.
     #[inline]
     fn late(&mut self, now: u16) -> i32 {
         let now = u32::from(now) % TICKS;
@@ -176,14 +171,14 @@ impl<const TICKS: u32> Default for EdgeTimer<TICKS> {
     }
 }
 
-/// From `at` to `now`, in ticks, of a timer that wraps.
+/// Ticks from `at` to `now`, for a timer that wraps.
 #[inline]
 fn since(wrap: u32, at: u16, now: u16) -> u32 {
     let (at, now) = (u32::from(at), u32::from(now));
     if now >= at { now - at } else { (now + wrap).saturating_sub(at) }
 }
 
-/// In 2^-16 samples, for an edge that was `ticks` old at a reading that was `late`.
+/// Age in 2^-16 samples of an edge that was `ticks` old at a reading that was `late` ticks late.
 #[inline]
 fn age<const TICKS: u32>(ticks: u32, late: i32) -> u32 {
     let ticks = ticks.saturating_add_signed(-late).min(u16::MAX.into());
@@ -205,10 +200,9 @@ mod tests {
     const TICKS: u32 = 9_000;
     type Timer = EdgeTimer<TICKS>;
 
-    /// Encoder and timers, tick by tick.
     struct Bench {
         timer: Timer,
-        /// Time and direction of every edge to come.
+        /// Time and direction of every later edge.
         edges: Vec<(u64, bool)>,
         next: usize,
         count: i32,
@@ -236,7 +230,8 @@ mod tests {
             }
         }
 
-        /// A sample at `tick`: the count, `gap` later the timer, another gap later the captures.
+        /// A sample at `tick`. The count is read first. The timer is read `gap` later, and the captures another `gap`
+        /// later.
         fn sample(&mut self, tick: u64, gap: u64) -> Option<Edge> {
             self.run_to(tick);
             let count = self.count.cast_unsigned();
@@ -249,7 +244,6 @@ mod tests {
         }
     }
 
-    /// What a timer shows.
     fn clock(tick: u64) -> u16 {
         u16::try_from(tick % u64::from(Timer::WRAP)).unwrap()
     }
@@ -273,7 +267,7 @@ mod tests {
         assert_eq!(bench.sample(18_001, 2), edge(age(8_002), true));
         // the reading is 3 ticks late: without effect
         assert_eq!(bench.sample(27_003, 2), edge(age(5), true));
-        // 27_005 was read with the captures, but is not in that count
+        // 27_005 was read with the captures, but is not in this count
         assert_eq!(bench.sample(36_000, 2), edge(age(8_997), true));
         assert_eq!(bench.sample(44_998, 2), edge(age(8_997) + 65_536, true));
         assert_eq!(
@@ -306,7 +300,7 @@ mod tests {
         assert_eq!(bench.sample(72_001, 2).unwrap().age, age(3_002));
     }
 
-    /// A turn at a border between the readings: the last edge of the count is lost, and reported as lost.
+    /// A turn at a border between the readings. The last edge of the count is lost, and reported as lost.
     #[test]
     fn an_edge_that_was_overwritten_is_not_mistaken() {
         let edges = std::vec![(20_000, true), (30_000, true), (33_000, true), (36_004, false)];
@@ -319,7 +313,7 @@ mod tests {
         assert_eq!(bench.sample(45_000, 3), Some(Edge { age: age(8_998), up: false }));
     }
 
-    /// The same with the direction read after the turn: the edge must not be taken for the one before it.
+    /// The same, but the direction is read after the turn. The edge must not be taken for the edge before it.
     #[test]
     fn a_turn_between_the_readings_is_noticed() {
         let edges = [10_000, 20_000, 27_500, 30_000, 33_000].map(|tick| (tick, true));
@@ -331,12 +325,13 @@ mod tests {
         assert_eq!(bench.sample(45_000, 3), Some(Edge { age: age(9_001), up: false }));
     }
 
-    /// Ticks between two edges of a leg, and edges of a leg; Miri takes seconds for a thousand samples.
+    /// Most ticks between two edges of a leg. The next line: most edges of a leg. Miri takes seconds for a thousand
+    /// samples.
     const SPACING_MAX: u64 = if cfg!(miri) { 12_000 } else { 60_000 };
     const LENGTH_MAX: usize = if cfg!(miri) { 8 } else { 200 };
 
     proptest! {
-        /// For any motion that does not turn around a reading, the edge is the one of the count, to the tick.
+        /// For any motion that does not turn near a reading, the edge is the edge of the count, to the tick.
         #[test]
         fn the_edge_is_the_last_one_in_the_count(
             legs in prop::collection::vec((8..SPACING_MAX, 1..LENGTH_MAX, any::<bool>()), 1..8),
@@ -360,7 +355,7 @@ mod tests {
             let (mut known, mut before) = (None, 0);
             let mut learnt = false;
             for (n, jitter) in (1..end / 9_000).zip(jitter.iter().cycle()) {
-                // the phase is that of the first sample
+                // the first sample sets the phase
                 let at = n * 9_000 + if n == 1 { 3 } else { *jitter };
                 let nominal = n * 9_000 + 3 + gap;
                 let got = bench.sample(at, gap);
@@ -371,7 +366,7 @@ mod tests {
                     } else {
                         last.map(|(edge, up)| Edge { age: age(nominal.saturating_sub(edge)), up })
                     };
-                    // before the first edge that leaves no doubt, one of several may be wrong
+                    // before the first edge without doubt, one of several may be wrong
                     let clear = |&(edge, _): &(u64, bool)| edge + 64 < at || edge > at + 2 * gap;
                     let new = last.is_some_and(|(edge, _)| edge > before + 2 * gap);
                     learnt |= new && bench.edges.iter().all(clear);

@@ -18,8 +18,8 @@ impl Factor {
         self.shift
     }
 
-    /// `value` times the factor, with `bits` more fractional bits, at most 31; rounded down.
-    /// Saturates at 2^62.
+    /// `value` times the factor, with `bits` more fractional bits (at most 31). The result is rounded down, and
+    /// saturates at 2^62.
     #[inline]
     pub(super) fn apply(self, value: i64, bits: u8) -> i64 {
         let mantissa = i64::from(self.mantissa);

@@ -1,8 +1,8 @@
-//! A weighted sum of the last differences of the position. Taylor expansions and least-squares fits become such a sum
+//! A weighted sum of the last differences of the position. Taylor expansions and least-squares fits are such sums
 //! ([`polynomial`](super::polynomial) has their equations).
 //!
 //! The differences are small, and exact across a wrap of the position. The weights add up to exactly 2^30, so a
-//! constant speed comes out exactly.
+//! constant speed is exact.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -13,14 +13,13 @@ use super::{
 };
 use crate::units::Velocity;
 
-/// Fractional bits of a weight.
 pub(super) const FRACTION_BITS: u32 = 30;
 
-/// Weights of the last differences, newest first, in LSB of 2^-30; they add up to one.
+/// Weights of the last differences, newest first, in LSB of 2^-30. They add up to one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fir {
     pub(super) weights: [i32; LENGTH],
-    /// How many are in use, 1 to [`WINDOW_MAX`](super::WINDOW_MAX).
+    /// Number of weights in use, 1 to [`WINDOW_MAX`](super::WINDOW_MAX).
     pub(super) window: u32,
 }
 
@@ -47,9 +46,9 @@ impl Form for Fir {
         History::take_last(u8::try_from(self.window).unwrap_or(u8::MAX), rest)
     }
 
-    /// The error against the exact weighted sum is at most half an LSB, plus the rounding error of each weight times the
-    /// magnitude of its difference. A rounding error is at most 2^-31; the largest weight has that of all together. At
-    /// constant speed the sum is exact.
+    /// The error against the exact weighted sum has two parts. One is at most half an LSB. The other is, for each
+    /// weight, its rounding error times the magnitude of its difference. A rounding error is at most 2^-31. The largest
+    /// weight has the rounding errors of all weights together. At constant speed the sum is exact.
     #[inline]
     fn step(&self, history: &mut History, difference: i32, _: &Senses) -> Velocity {
         history.push(difference);
@@ -69,7 +68,7 @@ mod tests {
     use super::*;
     use crate::velocity::FirDesign;
 
-    /// The sum is linear. At its ends every difference is at the end that the sign of its weight gives.
+    /// The sum is linear. At its ends every difference is at an end of its range, by the sign of its weight.
     #[test]
     fn no_sum_overflows_at_its_ends() {
         let fits = (1..=2).flat_map(|degree| {

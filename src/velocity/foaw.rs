@@ -1,5 +1,6 @@
-//! First-order adaptive windowing (Janabi-Sharifi, Hayward, Chen, IEEE TCST 8(6), 2000): the slope
-//! over the longest window whose samples all lie within the noise of one line through the newest.
+//! First-order adaptive windowing (Janabi-Sharifi, Hayward, Chen, IEEE TCST 8(6), 2000). The velocity is the slope over
+//! a window. The window is the longest one whose samples all lie within the noise of one line through the newest
+//! sample.
 //!
 //! With `s[j] = x[n] - x[n-j]`, the slope `v T` over a window of `i` samples is
 //!
@@ -8,21 +9,19 @@
 //! best fit: (2 sum j s[j] - i sum s[j]) / (i (i+1) (i+2) / 6),   sums over j = 1 .. i
 //! ```
 //!
-//! the second the least-squares fit of the window's `i + 1` samples. Windows are tried from `i = 1` up.
-//! The first one with `|s[j] - j v T| > noise` for some `0 < j < i` ends the search, and the one before it
-//! is used. At constant speed the window is as long as allowed. If the handle accelerates, it shrinks to
-//! about `sqrt(8 noise / a)` samples, `a` in counts per sample^2. The estimate is late by half the window
-//! in use.
+//! The best fit is the least-squares fit of the window's `i + 1` samples. Windows are tried from `i = 1` up. The first
+//! one with `|s[j] - j v T| > noise` for some `0 < j < i` ends the search, and the window before it is used. At
+//! constant speed the window has its largest length. If the handle accelerates, it shrinks to about `sqrt(8 noise / a)`
+//! samples, with `a` in counts per sample^2. The estimate is late by half the used window.
 //!
-//! At constant speed a noise of 1 count never shortens the window of the end fit. Then the error is
-//! below `1 / window` counts per sample. The best fit's line passes through the newest sample too, as in
-//! the published code, so it is not its least-squares line. There quantisation alone may shorten the
-//! window.
+//! At constant speed a noise of 1 count never shortens the window of the end fit. Then the error is below `1 / window`
+//! counts per sample. For the best fit, the checked line also passes through the newest sample, as in the published
+//! code. So it is not the least-squares line, and quantisation alone may shorten the window.
 //!
-//! **Cost.** Taken literally, every window checks all its samples: quadratic. But `|s[j] - j v T| <= noise` means that
-//! the slope lies between `(s[j] - noise) / j` and `(s[j] + noise) / j`. So the largest lower and the smallest upper
-//! bound so far decide, in one pass. They are compared as fractions by cross-multiplication, which is exact. At the end
-//! there is one division, 32 bits wide.
+//! **Cost.** The literal search checks all samples of every window, so its cost is quadratic. But
+//! `|s[j] - j v T| <= noise` means that the slope lies between `(s[j] - noise) / j` and `(s[j] + noise) / j`. So it is
+//! enough to keep the largest lower bound and the smallest upper bound, in one pass. They are compared as fractions by
+//! cross-multiplication, which is exact. At the end there is one division, 32 bits wide.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -34,17 +33,17 @@ use crate::{
     units::Velocity,
 };
 
-/// Steps of the noise in a count.
+/// Steps of the noise in a count. The noise has a resolution of 1/16 count.
 const NOISE_STEPS: i32 = 16;
-/// A bound beyond every slope, in steps of the noise. Its product with the longest window fits 32 bits.
+/// A bound that no slope reaches, in steps of the noise. Its product with the longest window fits 32 bits.
 const FREE: i32 = 1 << 25;
 
-/// Its parameters; made by [`new`](Self::new).
+/// Parameters of the estimator. Made by [`new`](Self::new).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Foaw {
     best: bool,
     window: u8,
-    /// In steps of the noise.
+    /// The noise, in steps.
     noise: i32,
 }
 
@@ -56,7 +55,7 @@ struct Bound {
 }
 
 impl Bound {
-    /// Whether `self` is below `other`. Numerators are at most 2^25, so that 32 bits are enough.
+    /// Whether `self` is below `other`. Numerators are at most 2^25, so 32 bits are enough.
     #[inline]
     fn below(self, other: Self) -> bool {
         self.number * other.over < other.number * self.over
@@ -64,14 +63,14 @@ impl Bound {
 }
 
 impl Foaw {
-    /// Longest window that is accepted, samples.
+    /// Longest accepted window, samples.
     pub const WINDOW_MAX: u32 = 32;
-    /// Largest noise that is accepted, counts.
+    /// Largest accepted noise, counts.
     pub const NOISE_MAX: f64 = 1000.0;
 
     /// Steps of the noise in a count.
     pub const NOISE_STEPS: i32 = NOISE_STEPS;
-    /// A bound beyond every slope, in steps of the noise.
+    /// A bound that no slope reaches, in steps of the noise.
     pub const FREE: i32 = FREE;
 
     /// Length of the longest window, samples.
@@ -84,8 +83,7 @@ impl Foaw {
         self.noise
     }
 
-    /// The estimator with that longest window (1 to 32 samples) and noise (0 to 1000 counts, rounded
-    /// to 1/16).
+    /// The estimator with this longest window (1 to 32 samples) and noise (0 to 1000 counts, rounded to 1/16).
     ///
     /// # Errors
     /// Names the parameter and its range.
@@ -101,14 +99,14 @@ impl Foaw {
     }
 
     /// The slope over the longest window that fits, as a fraction. It is compiled in two forms, because the loop of the
-    /// end fit needs no sums and no more than 32 bits.
+    /// end fit needs no sums and only 32 bits.
     #[inline(always)] // called, its fraction goes through memory
     fn slope<const BEST: bool>(&self, history: &History) -> (i32, NonZeroU32) {
         let mut low = Bound { number: -FREE, over: 1 };
         let mut high = Bound { number: FREE, over: 1 };
         let mut longest = (0, 1);
         let (mut s, mut sum, mut moment) = (0, 0, 0);
-        // 1 + .. + i, and the sum of those: i (i+1) (i+2) / 6
+        // 1 + .. + i, and the sum of these numbers: i (i+1) (i+2) / 6
         let (mut triangle, mut pyramid) = (0, 0);
         for age in 0..self.window {
             let i = i32::from(age) + 1;
@@ -176,7 +174,7 @@ impl Form for Foaw {
     }
 }
 
-/// `number / over` as a velocity, rounded to nearest, halves away from zero. `over` is below 2^13.
+/// `number / over` as a velocity, rounded to nearest, halves away from zero. `over` must be below 2^13.
 #[inline]
 fn quotient(number: i32, over: NonZeroU32) -> Velocity {
     let magnitude = number.unsigned_abs();
@@ -197,7 +195,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// As published: every window against every sample in it, in integers.
+    /// The search as published, in integers: every window checks all its samples.
     fn literal(foaw: &Foaw, history: &History) -> Velocity {
         let mut s = std::vec![0i64];
         for age in 0..foaw.window {

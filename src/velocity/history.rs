@@ -1,4 +1,4 @@
-//! The last differences of the position, for estimators that look at a window.
+//! The last differences of the position, for estimators that use a window.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -10,17 +10,17 @@ pub const WINDOW_MAX: u32 = 64;
 
 pub(super) const LENGTH: usize = WINDOW_MAX as usize;
 
-/// Longest window of most estimators.
+/// The ring for the windows of most estimators.
 pub(super) type History = Ring<LENGTH>;
 
-/// The last differences, in counts per sample, saturated to the range of [`Velocity`]; `LENGTH` of them, a power of two
-/// up to 256.
+/// The last `LENGTH` differences, in counts per sample, saturated to the range of [`Velocity`]. `LENGTH` is a power of
+/// two up to 256.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ring<const LENGTH: usize> {
     differences: [i16; LENGTH],
     /// Sum of all differences in `differences`, to find a flipped bit.
     sum: u32,
-    /// Place of the newest one.
+    /// Index of the newest difference, modulo `LENGTH`.
     newest: u8,
 }
 
@@ -47,7 +47,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
         self.differences.get(at).copied().map_or(0, i32::from)
     }
 
-    /// The last `window` of them, oldest first.
+    /// Writes the last `window` differences, oldest first.
     pub(super) fn put_last(&self, window: u8, bytes: &mut Bytes<'_>) {
         for age in (0..window).rev() {
             #[expect(clippy::cast_possible_truncation, reason = "it was put in as 16 bits")]
@@ -55,7 +55,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
         }
     }
 
-    /// With those that [`put_last`](Self::put_last) has written.
+    /// A ring with the differences that [`put_last`](Self::put_last) has written.
     pub(super) fn take_last(window: u8, rest: &mut &[u8]) -> Option<Self> {
         let mut ring = Self::REST;
         for _ in 0..window {
@@ -64,7 +64,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
         Some(ring)
     }
 
-    /// As after many samples at this velocity: differences whose sums follow it to within a count.
+    /// The ring after many samples at this velocity: the sums of its differences follow the velocity to within a count.
     pub(super) fn at(velocity: Velocity) -> Self {
         const FRACTION: i32 = (1 << Velocity::FRACTION_BITS) - 1;
         let bits = velocity.bits();
@@ -78,7 +78,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
             rest &= FRACTION;
             *place = difference;
         }
-        // Each difference takes the remainder of those before it, so these are their values.
+        // Each difference takes the remainder of all before it.
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_possible_wrap,
@@ -93,7 +93,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
     }
 }
 
-/// All of it; a form that uses fewer differences keeps fewer.
+/// All differences. A form that uses fewer differences keeps fewer.
 impl<const LENGTH: usize> Kept for Ring<LENGTH> {
     fn put(&self, bytes: &mut Bytes<'_>) {
         self.put_last(Self::ALL, bytes);

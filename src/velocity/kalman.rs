@@ -1,6 +1,6 @@
-//! Steady-state Kalman filter: position and velocity (two states), and acceleration too (three states), of a handle
-//! that noise moves. It is seen through an encoder, whose rounding counts as white noise of `resolution / sqrt(12)` RMS
-//! (Belanger 1992; Belanger, Dobrovolny, Helmy, Zhang 1998).
+//! Steady-state Kalman filter of a handle that noise moves. Two states are position and velocity. Three states also
+//! have the acceleration. An encoder measures the handle. Its rounding counts as white noise of
+//! `resolution / sqrt(12)` RMS (Belanger 1992; Belanger, Dobrovolny, Helmy, Zhang 1998).
 //!
 //! In counts and samples, with `r` the count less the predicted position:
 //!
@@ -9,11 +9,10 @@
 //! correct: x += alpha r,  v += beta r,  a += gamma r          (two states: a = gamma = 0)
 //! ```
 //!
-//! **Gains.** The motion noise is an acceleration that differs from sample to sample (two states), or
-//! an acceleration that changes with every sample by a random amount, its jerk times T (three states).
-//! Then the steady gains are closed forms of one number, `L` = motion noise / measurement noise
-//! (Kalata, IEEE T-AES 20(2), 1984; Gray and Murray, IEEE T-AES 29(3), 1993). With `u = 1 - sqrt(1 -
-//! alpha)`:
+//! **Gains.** With two states the motion noise is an acceleration that differs from sample to sample. With three states
+//! the acceleration changes at every sample by a random amount, its jerk times T. Then the steady gains are closed
+//! forms of one number, `L` = motion noise / measurement noise (Kalata, IEEE T-AES 20(2), 1984; Gray and Murray, IEEE
+//! T-AES 29(3), 1993). With `u = 1 - sqrt(1 - alpha)`:
 //!
 //! ```text
 //! alpha = u (2 - u),  beta = 2 u^2,  gamma = beta^2 / (2 alpha)
@@ -21,13 +20,12 @@
 //! three states: 2 u^3 = L (1 - u) (2 - u),    L = jerk T^3 / (resolution / sqrt(12))
 //! ```
 //!
-//! Per sample only products with the gains are computed. Delay at low frequency: two states `alpha / beta - 1/2`
-//! samples; three states none.
+//! Each sample only needs products with the gains. Delay at low frequency: `alpha / beta - 1/2` samples with two
+//! states, 0 with three states.
 //!
-//! **Fixed point.** The position is kept as its distance from the count, so that nothing wraps. A constant speed
-//! leaves `r` at zero, however the gains are rounded. What rounding drops from one output is added to the next.
-//! The rounding of the products leaves the mean velocity within 2^-23 counts per sample, the 128th part of an
-//! LSB.
+//! **Fixed point.** The position is stored as its distance from the count, so that nothing wraps. At a constant speed
+//! `r` stays zero, for any rounding of the gains. The part that rounding drops from one output is added to the next.
+//! The rounding of the products leaves the mean velocity within 2^-23 counts per sample, which is 1/128 LSB.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -49,12 +47,12 @@ pub struct KalmanDesign {
     pub gamma: f64,
 }
 
-/// Smallest and largest `u` that are accepted: from some 2 Hz at 10 kHz to almost the difference.
+/// Smallest and largest accepted `u`: from some 2 Hz at 10 kHz to almost the finite difference.
 const U: [f64; 2] = [1e-3, 0.95];
 
 #[expect(clippy::float_arithmetic, reason = "design time: settings to coefficients")]
 impl KalmanDesign {
-    /// Two states, for that RMS acceleration.
+    /// Two states, with this RMS acceleration, m/s^2.
     ///
     /// # Errors
     /// Names the parameter and its range, which follows from rate and resolution.
@@ -65,12 +63,12 @@ impl KalmanDesign {
         Ok(Self { gamma: 0.0, ..Self::of(2.0 * l / (l + libm::sqrt(l * l + 8.0 * l))) })
     }
 
-    /// Three states, for that RMS jerk.
+    /// Three states, with this RMS jerk, m/s^3.
     ///
     /// # Errors
     /// Names the parameter and its range, which follows from rate and resolution.
     pub fn three_states(jerk: f64, design: &Design) -> Result<Self, SettingsError> {
-        /// Halvings of the interval: as many as an `f64` has bits.
+        /// Halvings of the interval, as many as the bits of an `f64`.
         const STEPS: u32 = 53;
         let unit = noise_m(design) * design.rate_hz * design.rate_hz * design.rate_hz;
         let [low, high] = U.map(|u| 2.0 * u * u * u / ((1.0 - u) * (2.0 - u)) * unit);
@@ -104,20 +102,19 @@ fn noise_m(design: &Design) -> f64 {
 
 /// Fractional bits of position and velocity.
 const FRACTION_BITS: u32 = 32;
-/// Fractional bits that the output does not have.
+/// Fractional bits that the output drops.
 const DROPPED_BITS: u32 = FRACTION_BITS - Velocity::FRACTION_BITS;
-/// Further fractional bits of the acceleration, which small gains change only a little.
+/// Further fractional bits of the acceleration, because small gains change it only a little.
 const ACCELERATION_BITS: u32 = 12;
-/// Factor of these further bits.
 const GAMMA: f64 = (1u32 << ACCELERATION_BITS) as f64;
-/// Largest distance from the count: more than the smallest gains leave after a stop from full speed.
+/// Largest distance from the count. The smallest gains leave less after a stop from full speed.
 const DISTANCE_MAX: i64 = 1 << (28 + FRACTION_BITS);
-/// Largest velocity of the state: twice that of the output, for its overshoot.
+/// Largest velocity of the state: twice the largest output, for its overshoot.
 const VELOCITY_MAX: i64 = 1 << (16 + FRACTION_BITS);
 /// Largest acceleration of the state: the largest gain after a reversal at full speed.
 const ACCELERATION_MAX: i64 = 1 << (18 + FRACTION_BITS + ACCELERATION_BITS);
 
-/// Gains; made by [`KalmanDesign::quantise`].
+/// Gains in integers. Made by [`KalmanDesign::quantise`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kalman<G = Gain> {
     /// Gain of the position.
@@ -131,26 +128,26 @@ pub struct Kalman<G = Gain> {
 /// Estimates after the last sample.
 #[derive(Clone, Copy, Debug)]
 pub struct KalmanState<W: Word = i64> {
-    /// Position less the count.
+    /// Position less the count, LSB of 2^-32 counts.
     pub distance: W,
     /// Velocity, 2^-32 counts per sample.
     pub velocity: W,
     /// Acceleration, 2^-44 counts per sample^2.
     pub acceleration: W,
-    /// What rounding the last output dropped.
+    /// The part that rounding of the last output dropped.
     pub residue: W::Fraction,
 }
 
 kept!(KalmanState { distance, velocity, acceleration, residue });
 
 impl Kalman {
-    /// Before the first sample.
+    /// The state before the first sample.
     pub const REST: KalmanState =
         KalmanState { distance: 0, velocity: 0, acceleration: 0, residue: 1 << (DROPPED_BITS - 1) };
 }
 
 impl<G: Copy> Kalman<G> {
-    /// LSB of the velocity after a move by `moved` counts.
+    /// Takes a move by `moved` counts. Returns the velocity, LSB.
     #[inline(always)] // into what is compiled for a machine's vectors
     pub fn update<W: Word<Gain = G>>(&self, state: &mut KalmanState<W>, moved: W) -> W {
         let speed_up = state.acceleration.rounded(ACCELERATION_BITS);
@@ -161,7 +158,7 @@ impl<G: Copy> Kalman<G> {
             (state.velocity + speed_up - predicted.times(self.beta)).clamped(VELOCITY_MAX);
         state.acceleration =
             (state.acceleration - predicted.times(self.gamma)).clamped(ACCELERATION_MAX);
-        // with what rounding dropped before
+        // with the part that rounding dropped before
         let (nearest, residue) = state.velocity.plus(state.residue).split();
         state.residue = residue;
         nearest.clamped(Velocity::LIMIT_BITS.into())
@@ -197,7 +194,7 @@ mod tests {
         output: Output::Continuous,
     };
 
-    /// Steady gains by the Riccati recursion, in counts and samples.
+    /// Steady gains from the Riccati recursion, in counts and samples.
     fn riccati(gain: [f64; 3], ratio: f64, order: usize) -> [f64; 3] {
         let step = [[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]];
         let mut p = [[0.0; 3]; 3];

@@ -1,15 +1,14 @@
-//! What an estimator remembers: as bytes, for a reader of telemetry that goes on from there, and as a sum, for
-//! `render`.
+//! The memory of an estimator. As bytes it is for a reader of telemetry, which continues from it. As a sum it is for
+//! `render`, which checks it.
 //!
-//! Bytes: least significant first, no padding, and only what a later velocity depends on. So two states with the same
-//! bytes give the same velocities for the same counts.
+//! The bytes: least significant first, without padding, and only values that a later velocity depends on. So two states
+//! with the same bytes give the same velocities for the same counts.
 //!
-//! Sum: of the words, modulo 2^32. The estimator adds and subtracts its own changes. A flipped bit makes the sum
-//! different from then on.
+//! The sum is the sum of the words, modulo 2^32. The estimator adds and subtracts its own changes. After a flipped bit
+//! the sum of the words differs from it.
 
 use crate::units::Velocity;
 
-/// Bytes that are being written.
 pub(super) struct Bytes<'a> {
     place: &'a mut [u8],
     used: usize,
@@ -28,20 +27,20 @@ impl<'a> Bytes<'a> {
         self.used += N;
     }
 
-    /// Their number, if there was room for all.
+    /// Number of bytes, if there was room for all.
     pub(super) fn used(&self) -> Option<usize> {
         (self.used <= self.place.len()).then_some(self.used)
     }
 }
 
-/// Something that is remembered.
+/// A value in an estimator's memory.
 pub(super) trait Kept: Sized {
     fn put(&self, bytes: &mut Bytes<'_>);
 
-    /// The same from the first bytes of `rest`, which goes on behind them.
+    /// The value in the first bytes of `rest`. Moves `rest` behind them.
     fn take(rest: &mut &[u8]) -> Option<Self>;
 
-    /// Sum of its words modulo 2^32, in a few cycles.
+    /// Sum of the value's words modulo 2^32, in a few cycles.
     fn sum(&self) -> u32;
 
     /// Whether the part that the sum does not cover is unchanged.
@@ -85,7 +84,7 @@ integers! {
     };
 }
 
-/// A struct whose fields are all remembered.
+/// For a struct whose fields are all part of the memory.
 macro_rules! kept {
     ($name:ident { $($field:ident),* }) => {
         impl $crate::velocity::kept::Kept for $name {

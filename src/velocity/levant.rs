@@ -1,12 +1,12 @@
-//! Levant's robust exact differentiator (Automatica 34(3), 1998): a position `x` follows the count `p` with a velocity
-//! of a square root and an integrated sign.
+//! Levant's robust exact differentiator (Automatica 34(3), 1998). A position `x` follows the count `p`. Its velocity
+//! has two terms: a square root and an integrated sign.
 //!
 //! ```text
 //! x' = u,   u = u1 - lambda sqrt(|e|) sign(e),   u1' = -alpha sign(e),   e = x - p
 //! ```
 //!
-//! With `alpha > C >= |p''|` and without noise it is exact after a finite time. Usual are `alpha = 1.1 C`, `lambda =
-//! sqrt(C)`. In counts and samples C becomes `c = C T^2 / resolution`.
+//! With `alpha > C >= |p''|` and without noise it is exact after a finite time. Usual values are `alpha = 1.1 C` and
+//! `lambda = sqrt(C)`. In counts and samples C becomes `c = C T^2 / resolution`.
 //!
 //! **Explicit Euler** uses the right sides at the sample:
 //!
@@ -16,7 +16,7 @@
 //!
 //! It never comes to rest: `e` jumps about zero, and so does the estimate (chattering).
 //!
-//! **Implicit Euler** uses them at the next sample; `b = x + u1 - p` is known then:
+//! **Implicit Euler** uses the right sides at the next sample, when `b = x + u1 - p` is known:
 //!
 //! ```text
 //! e + lambda sqrt(|e|) sign(e) + alpha sign(e) contains b,   sign(0) = -1 .. 1
@@ -25,16 +25,15 @@
 //! the estimate is u1
 //! ```
 //!
-//! The second line of each case is the solution of the first, a quadratic equation in sqrt(|e|). Implicit
-//! forms are known (arXiv 1911.09232, 2008.09863). Seeber (arXiv 2404.02770) shows that those published
-//! before are biased or chatter. He proposes a form without both, whose outputs are linear combinations of
-//! the states. The form here was not compared with an implementation of his. Its behaviour is measured:
-//! once `e` is zero, it stays zero as long as the speed changes by at most alpha per sample. So it does
-//! not chatter, is exact at rest and at constant speed, and late by the half sample of any backward
-//! difference.
+//! The second line of each case is the solution of the first, a quadratic equation in sqrt(|e|). Implicit forms are
+//! known (arXiv 1911.09232, 2008.09863). Seeber (arXiv 2404.02770) shows that the forms published before his are biased
+//! or chatter. He proposes a form without both, whose outputs are linear combinations of the states. The form here was
+//! not compared with an implementation of his form. Its behaviour is measured. Once `e` is zero, it stays zero as long
+//! as the speed changes by at most alpha per sample. So the form does not chatter, and is exact at rest and at constant
+//! speed. It is late by the half sample of any backward difference.
 //!
-//! **Fixed point.** Only `e` (moved on by a step) and `u1` are kept, with 32 fractional bits each. `e` is relative to
-//! the count, so that nothing wraps, and limited to 2^24 counts. The root is the integer root of 64 bits.
+//! **Fixed point.** Only `u1` and `e` (one step ahead) are stored, with 32 fractional bits each. `e` is relative to the
+//! count, so that nothing wraps, and limited to 2^24 counts. The root is the integer root of 64 bits.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -45,24 +44,24 @@ use crate::{
     units::Velocity,
 };
 
-/// Sizes of its terms in counts and samples.
+/// Magnitudes of the two terms in counts and samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LevantDesign {
-    /// Of the sign, counts per sample^2.
+    /// Magnitude of the sign term, counts per sample^2.
     pub alpha: f64,
-    /// Of the root, sqrt(counts) per sample.
+    /// Factor of the root term, sqrt(counts) per sample.
     pub lambda: f64,
 }
 
-/// Largest accelerations that are accepted, counts per sample^2.
+/// Smallest and largest accepted C, counts per sample^2.
 const C: [f64; 2] = [1e-6, 1e4];
 
 #[expect(clippy::float_arithmetic, reason = "design time: settings to coefficients")]
 impl LevantDesign {
-    /// For that largest acceleration, m/s^2, and `lambda / sqrt(C)`, 0.5 to 3.
+    /// The design for a largest acceleration, m/s^2, and for `lambda / sqrt(C)`, 0.5 to 3.
     ///
     /// # Errors
-    /// Names the parameter and its range; the acceleration's follows from rate and resolution.
+    /// Names the parameter and its range. The acceleration's range follows from rate and resolution.
     pub fn new(
         acceleration_max: f64,
         lambda_ratio: f64,
@@ -75,7 +74,7 @@ impl LevantDesign {
         Ok(Self { alpha: 1.1 * c, lambda: ratio * libm::sqrt(c) })
     }
 
-    /// The same in integers.
+    /// The design in integers.
     pub fn quantise(&self, implicit: bool) -> Levant {
         let one = libm::scalbn(1.0, FRACTION_BITS.cast_signed());
         #[expect(clippy::cast_possible_truncation, reason = "below 2^14 by the range of C")]
@@ -90,14 +89,13 @@ impl LevantDesign {
     }
 }
 
-/// Fractional bits of position and velocity.
 const FRACTION_BITS: u32 = 32;
-/// Largest distance from the count.
+/// Largest distance from the count, LSB of 2^-32 counts.
 const DISTANCE_MAX: i64 = 1 << (24 + FRACTION_BITS);
-/// Largest velocity of the state: twice that of the output.
+/// Largest velocity of the state: twice the largest velocity of the output.
 const VELOCITY_MAX: i64 = 1 << (16 + FRACTION_BITS);
 
-/// Sizes of its terms; made by [`LevantDesign::quantise`].
+/// Magnitudes of the two terms in integers. Made by [`LevantDesign::quantise`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Levant {
     implicit: bool,
@@ -105,16 +103,15 @@ pub struct Levant {
     lambda: Gain,
     /// Half of lambda, with 32 fractional bits.
     half: i64,
-    /// Square of that half, with 32 fractional bits.
+    /// Square of half of lambda, with 32 fractional bits.
     square: i64,
 }
 
 /// Position and velocity after the last sample.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LevantState {
-    /// Where the position will be at the next sample, less the last count.
+    /// Position at the next sample, less the last count.
     ahead: i64,
-    /// Velocity u1 of the equations.
     velocity: i64,
 }
 
@@ -138,7 +135,7 @@ impl Form for Levant {
 }
 
 impl Levant {
-    /// Of the root, sqrt(counts) per sample.
+    /// Factor of the root term, sqrt(counts) per sample.
     pub const fn lambda(&self) -> Gain {
         self.lambda
     }
@@ -178,7 +175,6 @@ fn limited(velocity: i64) -> i64 {
     velocity.clamp(-VELOCITY_MAX, VELOCITY_MAX)
 }
 
-/// The nearest velocity to one of the state.
 #[inline]
 fn velocity(bits: i64) -> Velocity {
     const DROPPED: u32 = FRACTION_BITS - Velocity::FRACTION_BITS;
@@ -188,10 +184,11 @@ fn velocity(bits: i64) -> Velocity {
     Velocity::saturating_from_bits(nearest as i32)
 }
 
-/// Square root, both with 32 fractional bits; 31 bits of it are exact. `square` is below 2^60.
+/// Square root. Operand and result have 32 fractional bits; 31 bits of the result are exact. `square` must be below
+/// 2^60.
 ///
-/// The integer root of `square * 2^(2 n)` is the root times `2^n`; `n` brings the operand to its full
-/// 64 bits.
+/// The integer root of `square * 2^(2 n)` is the root times `2^n`. `n` is chosen so that the operand uses its full 64
+/// bits.
 #[inline]
 fn root(square: u64) -> i64 {
     let twice = square.leading_zeros() & !1;
@@ -232,7 +229,7 @@ mod tests {
             prop_assert!(off.abs() <= LSB + exact / (1u64 << 30) as f64, "{off}");
         }
 
-        /// From any state, one step is that of the equations.
+        /// From any state, one step agrees with the equations.
         #[test]
         fn a_step_is_that_of_the_equations(
             implicit in any::<bool>(),
@@ -243,7 +240,7 @@ mod tests {
             difference in -32_767i32..=32_767,
             at_count in any::<bool>(),
         ) {
-            /// The error of 31 bits of the largest root, times the largest lambda here.
+            /// The error of 31 bits of the largest root, times the largest lambda of this test.
             const ERROR_MAX: f64 = 1e-5;
             let acceleration = 20.0 * 10f64.powf(acceleration);
             let design = LevantDesign::new(acceleration, 1.0, &DESIGN).unwrap();

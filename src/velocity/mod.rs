@@ -1,10 +1,10 @@
 //! Position to [`Velocity`]: the second stage, run for every sample.
 //!
-//! An [`Estimator`] has what a person chose (integer coefficients). A [`State`] has what the samples left behind, and
-//! of which estimator. An estimator never goes on from the state of another one, or of another tuning. Instead it
-//! starts from the velocity of the last sample, as if the handle had always moved at it. Otherwise a slope that a wide
-//! filter had from one flicker of the counts would carry a narrow filter far away. [`Tuned`] is an estimator with the
-//! number of its tuning, so that it comes into force whole, with one sample.
+//! An [`Estimator`] has integer coefficients, from the settings of a person. A [`State`] has the values that the
+//! samples have left, and the number of their estimator. An estimator never continues from the state of another
+//! estimator or tuning. Instead it starts from the velocity of the last sample, as if the handle had always moved at
+//! it. Otherwise one flicker of the counts could give a wide filter a slope that carries a narrow filter far away.
+//! [`Tuned`] is an estimator with the number of its tuning, so that it comes into force as a whole, with one sample.
 
 mod biquad;
 #[cfg(feature = "estimators")]
@@ -66,22 +66,22 @@ use crate::units::{Position, Velocity};
 use kept::{Bytes, Kept};
 use table::{Kind, Memory};
 
-/// An estimator's integer form: what runs for every sample.
+/// An estimator's integer form, which runs for every sample.
 trait Form {
-    /// What the samples leave in it.
+    /// Values that the samples leave.
     type State: Copy + core::fmt::Debug + Kept;
 
-    /// Before the first sample.
     const REST: Self::State;
 
-    /// As after many samples at this velocity: the state with which it replaces another form.
+    /// The state after many samples at this velocity. With it the form replaces another one.
     fn at(&self, velocity: Velocity) -> Self::State;
 
     /// The velocity after a move by `difference` counts, in counts per sample.
     fn step(&self, state: &mut Self::State, difference: i32, senses: &Senses) -> Velocity;
 
-    /// [`step`](Self::step), with the seal. What it changes is added to the seal, and what it replaces is subtracted.
-    /// If a bit of the state flips between two steps, the seal differs from the state's sum from then on.
+    /// [`step`](Self::step) with a seal, which is the expected sum of the state. The form adds each new value to the
+    /// seal, and subtracts each old one. If a bit of the state flips between two steps, the seal differs from the
+    /// state's sum from then on.
     #[inline(always)]
     fn sealed(
         &self,
@@ -95,12 +95,12 @@ trait Form {
         velocity
     }
 
-    /// The state as bytes: what a later velocity depends on.
+    /// Writes the parts of the state on which a later velocity depends, as bytes.
     fn put(&self, state: &Self::State, bytes: &mut Bytes<'_>) {
         state.put(bytes);
     }
 
-    /// The state from the first bytes of `rest`, and moves `rest` behind them; none if the bytes do not suffice.
+    /// The state in the first bytes of `rest`. Moves `rest` behind them. `None` if there are too few bytes.
     fn take(&self, rest: &mut &[u8]) -> Option<Self::State> {
         Self::State::take(rest)
     }
@@ -118,7 +118,7 @@ fn called<F: Form>(
     form.sealed(sealed_state, difference, senses)
 }
 
-/// [`Form::sealed`] for several samples. `senses` is empty where there are none.
+/// [`Form::sealed`] for several samples. `senses` is empty if there are none.
 #[inline]
 fn steps<F: Form>(
     form: &F,
@@ -127,7 +127,7 @@ fn steps<F: Form>(
     senses: &[Senses],
     velocities: &mut [Velocity],
 ) {
-    /// A few words, so a copy of them can be in registers.
+    /// Bytes of a few words, so that a copy of them can be in registers.
     const FEW: usize = 64;
     let mut each = |state: &mut F::State| {
         let step = |state: &mut F::State, place: usize, moved: i32| {
@@ -135,7 +135,7 @@ fn steps<F: Form>(
         };
         let (pairs, rest) = velocities.as_chunks_mut::<2>();
         let (counter_pairs, _) = counters.as_chunks::<2>();
-        // two at a time, so that the first leaves its values where the second needs them
+        // two samples at a time, so that the first leaves its values where the second needs them
         for (pair, ([one, two], counters)) in pairs.iter_mut().zip(counter_pairs).enumerate() {
             *one = step(state, 2 * pair, moved(counters[0]));
             *two = step(state, 2 * pair + 1, moved(counters[1]));
@@ -159,8 +159,8 @@ fn steps<F: Form>(
 impl Estimator {
     /// The velocity at this sample, in counts per sample.
     ///
-    /// Estimators other than the usual ones are called, not inlined, so that they do not push the state of the usual
-    /// ones out of the registers.
+    /// The usual estimators are inlined, the others are called. So the others do not push the state of the usual ones
+    /// out of the registers.
     #[inline(always)] // called, it would put senses that nobody looks at into memory
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
         self.update_as(Tuning::first(self), state, position, senses)
@@ -195,12 +195,12 @@ impl Estimator {
         velocity
     }
 
-    /// Replaces another estimator or tuning: starts as if the handle had always moved at the velocity of the last
+    /// Replaces another estimator or tuning. Starts as if the handle had always moved at the velocity of the last
     /// sample.
     #[cold]
     #[inline(never)]
     fn take_over(&self, tuning: Tuning, running: &mut Running) {
-        // With this tuning the seal fits, so nobody has changed the estimator: a bit of its number has flipped.
+        // If the seal fits with this tuning, the estimator was not changed: a bit of its number has flipped.
         let same = running.memory.sum(self).wrapping_add(tuning.0.into()) == running.seal;
         running.tuning = tuning;
         if !same {
@@ -210,7 +210,7 @@ impl Estimator {
     }
 }
 
-/// An estimator's form, and a number that changes with each tuning: one comparison finds a change of either.
+/// A number that changes with each tuning and each change of the form. One comparison finds a change of either.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Tuning(u16);
 
@@ -225,8 +225,8 @@ impl Tuning {
     }
 }
 
-/// An [`Estimator`] in force. It starts anew with its first sample if it differs from the one [before](Self::after), or
-/// its tuning does.
+/// An [`Estimator`] in force. It starts anew with its first sample if estimator or tuning differs from the one
+/// [before](Self::after).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tuned {
     tuning: Tuning,
@@ -234,12 +234,12 @@ pub struct Tuned {
 }
 
 impl Tuned {
-    /// The first one after a reset.
+    /// The first estimator after a reset.
     pub const fn first(estimator: Estimator) -> Self {
         Self { tuning: Tuning::first(&estimator), estimator }
     }
 
-    /// The same estimator, in force after `running`: with the same tuning it goes on, else it starts anew.
+    /// The same estimator, in force after `running`. With the same tuning it continues, else it starts anew.
     #[must_use]
     pub fn after(self, running: &Self) -> Self {
         let tuning = if self.estimator == running.estimator {
@@ -250,7 +250,7 @@ impl Tuned {
         Self { tuning, ..self }
     }
 
-    /// Number of this tuning; differs from the number of the tuning before.
+    /// Number of this tuning. It differs from the number of the tuning before.
     pub const fn number(&self) -> u16 {
         self.tuning.0
     }
@@ -261,7 +261,7 @@ impl Tuned {
         self.estimator.update_as(self.tuning, state, position, senses)
     }
 
-    /// The velocity at this sample, for a caller that knows by how many counts the handle has moved.
+    /// The velocity at this sample, for a caller that knows the counts by which the handle has moved.
     #[inline(always)] // as that
     pub(crate) fn follow(
         &self,
@@ -272,8 +272,8 @@ impl Tuned {
         self.estimator.follow_as(self.tuning, running, difference, senses)
     }
 
-    /// [`follow`](Self::follow) for as many samples as there are velocities, with their readings, and a function for
-    /// the counts by which each has moved. Returns the last velocity.
+    /// [`follow`](Self::follow) for several samples, one for each velocity. `moved` gives the counts of each reading.
+    /// Returns the last velocity.
     #[inline]
     pub(crate) fn follow_all(
         &self,
@@ -300,12 +300,10 @@ impl core::ops::Deref for Tuned {
     }
 }
 
-/// The estimator's state after the samples so far, without the last position.
+/// The estimator's state after the last sample, without the position.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Running {
-    /// Tuning of the estimator that has run.
     tuning: Tuning,
-    /// Velocity at the last sample.
     velocity: Velocity,
     memory: Memory,
     /// Expected sum of tuning and memory.
@@ -320,7 +318,6 @@ impl Running {
         seal: Kind::Difference as u32, // which remembers nothing
     };
 
-    /// [`Tuned::number`] of the estimator that has run.
     #[inline(always)]
     pub(crate) const fn number(&self) -> u16 {
         self.tuning.0
@@ -331,14 +328,14 @@ impl Running {
         self.memory.sum(estimator).wrapping_add(self.tuning.0.into())
     }
 
-    /// Whether it is as `estimator` has left it.
+    /// Whether the state is unchanged since the last sample of `estimator`.
     #[inline(always)]
     pub(crate) fn is_whole(&self, estimator: &Estimator) -> bool {
         self.sum(estimator) == self.seal && self.memory.is_whole(estimator)
     }
 }
 
-/// What the samples so far left behind.
+/// State of an estimator after the samples so far.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
     previous: Position,
@@ -346,35 +343,35 @@ pub struct State {
 }
 
 impl State {
-    /// At rest at `position`: it counts as the sample before the first one.
+    /// A handle at rest at `position`. This counts as the sample before the first one.
     pub fn at_rest(position: Position) -> Self {
         Self::behind(position, Running::REST)
     }
 
-    /// After a sample at that position.
+    /// The state after a sample at the position `previous`.
     pub(crate) const fn behind(previous: Position, running: Running) -> Self {
         Self { previous, running }
     }
 
-    /// [`Tuned::number`] of the estimator that has run.
+    /// [`Tuned::number`] of this state's estimator.
     pub const fn number(&self) -> u16 {
         self.running.tuning.0
     }
 
-    /// The position and the velocity of the last sample.
+    /// Position and velocity of the last sample.
     pub const fn last(&self) -> (Position, Velocity) {
         (self.previous, self.running.velocity)
     }
 
-    /// Writes what `estimator` remembers, as bytes; returns how many. None if there is no room.
+    /// Writes the memory of `estimator` as bytes. Returns their number, or `None` without room.
     pub fn put(&self, estimator: &Estimator, place: &mut [u8]) -> Option<usize> {
         let mut bytes = Bytes::new(place);
         self.running.memory.put(estimator, &mut bytes);
         bytes.used()
     }
 
-    /// As `estimator` leaves it after a sample with this position and velocity, with the bytes of [`put`](Self::put).
-    /// None if the bytes are not the estimator's, or do not suffice.
+    /// The state of `estimator` after a sample with this position and velocity, from the bytes of [`put`](Self::put).
+    /// `None` if the bytes are not the estimator's, or are too few.
     pub fn of(
         estimator: &Tuned,
         (previous, velocity): (Position, Velocity),
@@ -387,20 +384,20 @@ impl State {
         rest.is_empty().then_some(Self { previous, running })
     }
 
-    /// The next estimator starts from the velocity.
+    /// Makes the next estimator start from the velocity.
     pub fn restart(&mut self) {
         self.running.tuning = Tuning(u16::MAX); // no form has this number
         self.running.seal = self.running.seal.wrapping_add(1 << 31); // nor does it fit what is remembered
     }
 
-    /// As after many samples at this velocity; the next estimator starts from it.
+    /// The state after many samples at this velocity. The next estimator starts from it.
     #[cfg(test)]
     pub(crate) fn restart_at(&mut self, velocity: Velocity) {
         self.running.velocity = velocity;
         self.restart();
     }
 
-    /// The position of the last sample is called `position` from now on; the velocity stays.
+    /// From now on the position of the last sample has the number `position`. The velocity stays.
     pub fn rebase(&mut self, position: Position) {
         self.previous = position;
     }
@@ -413,11 +410,11 @@ mod tests {
 
     /// Largest error of an estimator at a constant speed of whole counts, LSB.
     fn chattering(name: EstimatorName) -> i32 {
-        // twice its largest acceleration, and at C = 20 m/s^2 that is 0.2 counts per sample^2
+        // twice its largest acceleration; at C = 20 m/s^2 this is 0.2 counts per sample^2
         if name.text() == "levant-explicit" { 2 * (65_536 / 5) } else { 0 }
     }
 
-    /// Every estimator measures a constant speed, and one that takes over goes on at it.
+    /// Every estimator measures a constant speed, and an estimator that takes over continues at it.
     #[test]
     #[cfg_attr(miri, ignore = "every pair, 2200 samples each")]
     fn an_estimator_that_takes_over_goes_on_at_the_velocity_of_the_old_one() {
@@ -442,7 +439,7 @@ mod tests {
         }
     }
 
-    /// Whatever an estimator has seen: from its bytes on it gives the same velocities as before.
+    /// After any samples: from its bytes on an estimator gives the same velocities as before.
     #[test]
     #[cfg_attr(miri, ignore = "every estimator, 900 samples each")]
     fn an_estimator_goes_on_from_its_bytes_as_it_went_on() {
@@ -481,7 +478,7 @@ mod tests {
         }
     }
 
-    /// A flipped bit in what an estimator remembers is found, now and as long as the estimator goes on.
+    /// A flipped bit in the memory of an estimator is found, now and as long as the estimator runs.
     #[test]
     #[cfg_attr(miri, ignore = "every bit of every estimator")]
     fn a_flipped_bit_of_what_it_remembers_is_found_until_another_takes_over() {
@@ -499,7 +496,7 @@ mod tests {
             let mut place = Bytes::new(&mut bytes);
             running.memory.put(&tuned, &mut place);
             let length = place.used().unwrap();
-            // A ring that is made of bytes has their sum: see its own test.
+            // A ring that is made from bytes has their sum: see its own test.
             let ring = name.text().starts_with("taylor") || name.keys().contains(&"window_samples");
             for bit in (0..8 * length).filter(|_| !ring) {
                 bytes[bit / 8] ^= 1 << (bit % 8);
@@ -515,7 +512,7 @@ mod tests {
                     }
                 }
             }
-            // With a flipped bit of the number another tuning seems to have run: the estimator goes on all the same.
+            // With a flipped bit of the number another tuning seems to have run. The estimator continues all the same.
             for bit in 0..16 {
                 let tuning = Tuning(running.tuning.0 ^ 1 << bit);
                 let mut broken = Running { tuning, ..running };

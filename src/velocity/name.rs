@@ -1,11 +1,11 @@
-//! What holds for every row of the [table](super::table): reading names, parameters by their place.
+//! Functions for every row of the [table](super::table): names, and parameters by their index.
 
 use core::{fmt, str::FromStr};
 
 use super::{EstimatorName, PARAMETERS, Parameter, Sense, VelocitySettings, true_cutoff_hz};
 
-/// Numbers and names of removed estimators, which never get a new meaning, and what replaces each. An image without the
-/// feature never had these.
+/// Numbers and names of removed estimators, and the replacement of each. They never get a new meaning. An image without
+/// the feature never had them.
 const RETIRED: &[(u32, &str, &str)] = if cfg!(feature = "estimators") {
     &[
         (16, "central-difference", "window-difference with window_samples = 2"),
@@ -24,10 +24,10 @@ const RETIRED: &[(u32, &str, &str)] = if cfg!(feature = "estimators") {
     &[]
 };
 
-/// No estimator of this build has that name.
+/// No estimator of this build has this name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnknownEstimator {
-    /// Its replacement, if there once was such an estimator.
+    /// The replacement, if there once was an estimator of this name.
     pub replaced_by: Option<&'static str>,
 }
 
@@ -52,17 +52,17 @@ impl FromStr for EstimatorName {
 }
 
 impl EstimatorName {
-    /// The estimator of that number, if this build has it.
+    /// The estimator with this number, if this build has it.
     pub fn from_id(id: u32) -> Option<Self> {
         Self::ALL.iter().copied().find(|name| name.id() == id)
     }
 
-    /// The replacement of the estimator of that number, if there once was one.
+    /// The replacement of the estimator with this number, if there once was one.
     pub fn replacing_id(id: u32) -> Option<&'static str> {
         RETIRED.iter().find(|(number, ..)| *number == id).map(|(.., other)| *other)
     }
 
-    /// Name of the estimator that replaces the one with this name, if there once was one.
+    /// The replacement of the estimator with this name, if there once was one.
     pub fn replacing(text: &str) -> Option<&'static str> {
         let named = |(_, name, _): &&(u32, &str, &str)| text.eq_ignore_ascii_case(name);
         RETIRED.iter().find(named).map(|(.., other)| *other)
@@ -73,7 +73,8 @@ impl EstimatorName {
         self.sense().filter(|needed| !senses.contains(needed))
     }
 
-    /// Its settings when it replaces `before`: the cutoff stays, the rest is at its default.
+    /// Settings of this estimator when it replaces `before`: the cutoff stays, all other parameters are at their
+    /// defaults.
     pub fn following(self, before: &VelocitySettings) -> VelocitySettings {
         let settings = self.defaults();
         match (before.tuning(), settings.tuning()) {
@@ -82,7 +83,7 @@ impl EstimatorName {
         }
     }
 
-    /// Its settings with every parameter at its default.
+    /// Settings of this estimator with every parameter at its default.
     pub fn defaults(self) -> VelocitySettings {
         self.settings(self.parameters().map(|p| p.map_or(0.0, |parameter| parameter.default)))
     }
@@ -99,12 +100,12 @@ impl VelocitySettings {
         self.parameter(0)
     }
 
-    /// The frequency that tunes it, Hz, whatever its name is: cutoff, bandwidth, crossover.
+    /// The frequency that tunes the estimator, Hz: cutoff, bandwidth or crossover.
     pub fn cutoff_hz(&self) -> Option<f64> {
         self.tuning().filter(|(parameter, _)| parameter.is_frequency()).map(|(_, hz)| hz)
     }
 
-    /// -3 dB frequency of the low-pass of that nominal cutoff, Hz; for other filters the cutoff itself.
+    /// -3 dB frequency of the low-pass with this nominal cutoff, Hz. For other filters the cutoff itself.
     pub fn true_cutoff_hz(&self, rate_hz: f64) -> Option<f64> {
         match *self {
             Self::Butterworth { cutoff_hz } | Self::FirstOrder { cutoff_hz } => {
@@ -114,14 +115,14 @@ impl VelocitySettings {
         }
     }
 
-    /// The parameter at that place, and its value.
+    /// The parameter with the index `place`, and its value.
     pub fn parameter(&self, place: usize) -> Option<(Parameter, f64)> {
         let (name, numbers) = EstimatorName::of(self);
         let parameter = name.parameters().get(place).copied().flatten()?;
         Some((parameter, *numbers.get(place)?))
     }
 
-    /// The same estimator with that number at that place.
+    /// The same estimator, with the value `number` of the parameter with the index `place`.
     #[must_use]
     pub fn with_parameter(&self, place: usize, number: f64) -> Self {
         let (name, mut numbers) = EstimatorName::of(self);
@@ -136,7 +137,7 @@ impl VelocitySettings {
         self.parameter(1)
     }
 
-    /// The same estimator with that second parameter.
+    /// The same estimator with this second parameter.
     #[must_use]
     pub fn with_second(&self, second: f64) -> Self {
         self.with_parameter(1, second)
@@ -148,7 +149,7 @@ impl VelocitySettings {
         further.all(|(parameter, value)| value == parameter.default)
     }
 
-    /// The same estimator with that tuning.
+    /// The same estimator with this tuning.
     #[must_use]
     pub fn with_tuning(&self, tuning: f64) -> Self {
         self.with_parameter(0, tuning)
@@ -161,7 +162,7 @@ mod tests {
     use crate::design::tests::DESIGN;
     use std::{collections::BTreeSet, vec::Vec};
 
-    /// The tables of the book use this: the defaults build, and an impossible value is refused by its key.
+    /// The tables of the book rely on this: the defaults can be built, and an impossible value is refused with its key.
     #[test]
     fn every_parameter_is_refused_by_its_key() {
         for &name in EstimatorName::ALL {

@@ -1,4 +1,4 @@
-//! Observer of position, velocity and disturbance. It knows a part of the acceleration: from the commanded force
+//! Observer of position, velocity and disturbance. A part of the acceleration is known, from the commanded force
 //! (extended-state observer) or from an accelerometer (fusion).
 //!
 //! ```text
@@ -9,32 +9,29 @@
 //! d^ = d^            + l3 e                what u leaves out
 //! ```
 //!
-//! A Luenberger observer (Luenberger, IEEE Trans. Military Electronics 8, 1964) of a mass, extended
-//! by the disturbance (Han; Gao, "Scaling and bandwidth-parameterization based controller tuning",
-//! ACC 2003). Force of the hand, friction and spring of the device, and an error of the mass or of
-//! the accelerometer's zero all end up in d^, so v^ has no steady error as long as they are
-//! constant. Gao puts all poles at one bandwidth w; so it is here, exactly in discrete time:
-//! `(z - p)^3` with `p = exp(-w T)` gives
+//! This is a Luenberger observer of a mass (Luenberger, IEEE Trans. Military Electronics 8, 1964). It is extended by
+//! the disturbance (Han; Gao, "Scaling and bandwidth-parameterization based controller tuning", ACC 2003). The
+//! disturbance d^ contains the force of the hand, friction and spring of the device, and an error of the mass or of the
+//! accelerometer's zero. So v^ has no steady error while these are constant. As in Gao's paper, all poles are at one
+//! bandwidth w, here exactly in discrete time. `(z - p)^3` with `p = exp(-w T)` gives
 //!
 //! ```text
 //! l1 = 1 - p^3,   l2 = 3/2 (1 - p)^2 (1 + p),   l3 = (1 - p)^3
 //! ```
 //!
-//! **What it does to a motion.** In continuous time, for w T << 1, with U the transform of u:
+//! **Response to a motion.** In continuous time, for w T << 1, with U the transform of u:
 //!
 //! ```text
 //! V^ = (3 w^2 s + w^3) / P  s X  +  (s^3 + 3 w s^2) / P  U / s,      P = (s + w)^3
 //! ```
 //!
-//! It is low-passed differentiated position and high-passed integrated acceleration, whose weights
-//! add up to one: complementary filters. If u is right, there is no delay at any frequency. If u is
-//! 0, the delay at DC is 0 as well, but motions around 0.6 of the bandwidth come out too large, by
-//! 2.3 dB.
+//! The output is low-passed differentiated position plus high-passed integrated acceleration. Their weights add up to
+//! one: these are complementary filters. If u is right, there is no delay at any frequency. If u is 0, the delay at DC
+//! is 0 as well. But motions around 0.6 of the bandwidth are then too large by 2.3 dB.
 //!
-//! **Fixed point.** The state has the difference `x - x^`, so that no wrap of the count matters. It has 32
-//! fractional bits, the velocity 44, the disturbance 48, products 96 bits. Each saturates. With the gains of the
-//! lowest bandwidth an error of 2^-26 counts still changes the disturbance, so no error that the output shows can
-//! persist.
+//! **Fixed point.** The state has the difference `x - x^`, so a wrap of the count does not matter. It has 32 fractional
+//! bits, the velocity 44, the disturbance 48, products 96 bits. Each saturates. With the gains of the lowest bandwidth
+//! an error of 2^-26 counts still changes the disturbance. So no error that is visible in the output can persist.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -51,7 +48,7 @@ const DISTURBANCE_BITS: u32 = 48;
 /// Largest magnitude of `x - x^`: 2^22 counts.
 const ERROR_LIMIT: i64 = 1 << (POSITION_BITS + 22);
 const VELOCITY_LIMIT: i64 = (Velocity::LIMIT as i64) << VELOCITY_BITS;
-/// 2^14 counts per sample^2.
+/// Largest disturbance: 2^14 counts per sample^2.
 const DISTURBANCE_LIMIT: i64 = 1 << (DISTURBANCE_BITS + 14);
 
 /// An observer in integer form that knows the force. Made by [`ObserverDesign`](super::ObserverDesign).
@@ -59,19 +56,20 @@ const DISTURBANCE_LIMIT: i64 = 1 << (DISTURBANCE_BITS + 14);
 pub struct Observer<F = Factor> {
     /// Gain l1 of the position.
     pub position: F,
-    /// l2; its product has [`VELOCITY_MORE`](Self::VELOCITY_MORE) fractional bits more.
+    /// Gain l2. Its product has [`VELOCITY_MORE`](Self::VELOCITY_MORE) further fractional bits.
     pub velocity: F,
-    /// l3; its product has [`DISTURBANCE_MORE`](Self::DISTURBANCE_MORE) fractional bits more.
+    /// Gain l3. Its product has [`DISTURBANCE_MORE`](Self::DISTURBANCE_MORE) further fractional bits.
     pub disturbance: F,
-    /// Counts per sample^2 with 32 fractional bits, per LSB of [`Force`](crate::units::Force); 0 for fusion.
+    /// Acceleration per LSB of [`Force`](crate::units::Force), counts per sample^2 with 32 fractional bits; 0 for
+    /// fusion.
     pub per_force: Gain,
 }
 
-/// The same beside an accelerometer.
+/// The observer with an accelerometer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fusion(pub Observer);
 
-/// What the samples left behind.
+/// State after the last sample.
 #[derive(Clone, Copy, Debug)]
 pub struct ObserverState<W: Word = i64> {
     /// x - x^, 32 fractional bits.
@@ -135,8 +133,8 @@ impl<F: Copy> Observer<F> {
     /// Further fractional bits of the product with l3.
     pub const DISTURBANCE_MORE: u8 = 16;
 
-    /// LSB of the velocity after a move by `moved` counts, with `known` as the known acceleration: 32 fractional bits,
-    /// below 2^47 by the design.
+    /// Takes a move by `moved` counts. `known`: the known acceleration, with 32 fractional bits, below 2^47 by the
+    /// design. Returns the velocity, LSB.
     #[inline(always)] // into what is compiled for a machine's vectors
     pub fn update<W: Word<Factor = F>>(
         &self,

@@ -1,11 +1,10 @@
-//! Design of the observers: poles at one bandwidth, and what is known of the acceleration.
+//! Design of the observers: poles at one bandwidth, and the known part of the acceleration.
 //!
-//! **Observer**: `u = F / m`, F being the commanded force, saturated and held. With a wrong mass a part of F becomes
-//! disturbance, which is followed no faster than the bandwidth.
+//! **Observer**: `u = F / m`, where F is the commanded force, saturated and held. With a wrong mass a part of F is a
+//! disturbance. The observer follows a disturbance no faster than the bandwidth.
 //!
 //! **Fusion** of position and acceleration: u is the accelerometer's reading. Its zero offset is a constant
-//! disturbance and has no effect on the velocity. Above the crossover the acceleration counts for more than the
-//! position.
+//! disturbance, without effect on the velocity. Above the crossover the acceleration has more weight than the position.
 
 use super::{
     factor::Factor,
@@ -29,7 +28,7 @@ pub const MASS_KG: core::ops::RangeInclusive<f64> = 1e-3..=100.0;
 pub struct ObserverDesign {
     /// Gains l1, l2 and l3.
     pub gains: [f64; 3],
-    /// Acceleration that full scale of the force makes, counts per sample^2; 0 for fusion.
+    /// Acceleration by full scale of the force, counts per sample^2; 0 for fusion.
     pub per_full_scale: f64,
 }
 
@@ -37,8 +36,8 @@ impl ObserverDesign {
     /// An observer of a mass under the commanded force.
     ///
     /// # Errors
-    /// `bandwidth_hz` outside [`OBSERVER_MIN`] .. [`OBSERVER_MAX`] of the rate, `mass_kg` outside
-    /// [`MASS_KG`] or so small or large that full scale is not 2^-34 to 32767 counts per sample^2.
+    /// `bandwidth_hz` is outside [`OBSERVER_MIN`] .. [`OBSERVER_MAX`] of the rate, or `mass_kg` is outside [`MASS_KG`].
+    /// Or the mass is so small or large that full scale is outside 2^-34 to 32767 counts per sample^2.
     pub fn of_mass(
         bandwidth_hz: f64,
         mass_kg: f64,
@@ -53,10 +52,10 @@ impl ObserverDesign {
         Ok(Self { gains, per_full_scale: full_scale / mass_kg })
     }
 
-    /// An observer beside an accelerometer.
+    /// An observer with an accelerometer.
     ///
     /// # Errors
-    /// `crossover_hz` outside [`OBSERVER_MIN`] .. [`OBSERVER_MAX`] of the rate.
+    /// `crossover_hz` is outside [`OBSERVER_MIN`] .. [`OBSERVER_MAX`] of the rate.
     pub fn of_accelerometer(crossover_hz: f64, rate_hz: f64) -> Result<Self, SettingsError> {
         Ok(Self { gains: gains("crossover_hz", crossover_hz, rate_hz)?, per_full_scale: 0.0 })
     }
@@ -64,7 +63,7 @@ impl ObserverDesign {
     /// The gains as mantissa and shift, relative error 2^-32.
     pub fn quantise(&self) -> Observer {
         let [position, velocity, disturbance] = self.gains.map(Factor::of);
-        // LSB of the acceleration per LSB of the force: 2^32 over 2^30 per full scale.
+        // LSB of the acceleration per LSB of the force: 1 count per sample^2 has 2^32 LSB, full scale has 2^30.
         let per_force = libm::scalbn(self.per_full_scale, POSITION_BITS.cast_signed() - 30);
         Observer {
             position,
@@ -75,7 +74,7 @@ impl ObserverDesign {
     }
 }
 
-/// l1, l2, l3 for three poles at that frequency.
+/// l1, l2, l3 for three poles at this frequency.
 fn gains(
     parameter: &'static str,
     bandwidth_hz: f64,

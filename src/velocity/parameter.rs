@@ -1,9 +1,9 @@
-//! Parameters of the estimators, and the types that they have.
+//! Parameters of the estimators, and their number types.
 
 /// A parameter that is a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// Its name, as in scenes but for the unit: `cutoff`, `window`.
+    /// Its name: the key of a scene without the unit, for example `cutoff` or `window`.
     pub name: &'static str,
     /// Its unit, such as `Hz` or `samples`.
     pub unit: &'static str,
@@ -12,17 +12,17 @@ pub struct Parameter {
 }
 
 impl Parameter {
-    /// It is a frequency: `cutoff` sets it, and a sweep over cutoffs varies it.
+    /// Whether it is a frequency. `cutoff` sets a frequency, and a sweep over cutoffs varies it.
     pub fn is_frequency(&self) -> bool {
         self.unit == "Hz"
     }
 
-    /// It is a whole number.
+    /// Whether it is a whole number.
     pub fn is_whole(&self) -> bool {
         self.unit == "samples"
     }
 
-    /// The parameters by their places.
+    /// The parameters by their index.
     pub(super) fn all(parameters: &[Self]) -> [Option<Self>; PARAMETERS] {
         core::array::from_fn(|place| parameters.get(place).copied())
     }
@@ -31,10 +31,9 @@ impl Parameter {
 /// Most parameters of an estimator.
 pub const PARAMETERS: usize = 8;
 
-/// Parameters of one estimator by place; 0 where there is none.
+/// Parameters of one estimator by index; 0 if there is none at an index.
 pub type Numbers = [f64; PARAMETERS];
 
-/// Those numbers by their places.
 #[inline]
 pub(super) fn numbers(numbers: &[f64]) -> Numbers {
     core::array::from_fn(|place| numbers.get(place).copied().unwrap_or_default())
@@ -56,7 +55,7 @@ impl Number for f64 {
 }
 
 impl Number for u32 {
-    /// A number that is not whole or is outside `u32` becomes 0, which the range check refuses.
+    /// A number that is not whole or is outside `u32` becomes 0. The range check refuses 0.
     fn of(number: f64) -> Self {
         if number >= 0.0 && number <= f64::from(u32::MAX) && libm::trunc(number) == number {
             #[expect(

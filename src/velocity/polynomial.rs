@@ -1,28 +1,28 @@
-//! Design of the estimators that are the derivative of a polynomial through the last samples, or closest to them:
-//! Taylor expansions and least-squares fits.
+//! Design of estimators that are the derivative of a polynomial. It goes through the last samples (Taylor expansions),
+//! or fits them best (least squares).
 //!
-//! A sum `v T = h0 x[n] + h1 x[n-1] + ..` whose weights add up to zero is also a sum of differences `d[n] = x[n] -
-//! x[n-1]` with the weights `g[i] = h[0] + .. + h[i]`. These add up to one if a ramp is measured exactly. So [`Fir`]
-//! computes it.
+//! A sum `v T = h0 x[n] + h1 x[n-1] + ..` whose weights add up to zero is also a sum of differences
+//! `d[n] = x[n] - x[n-1]`, with the weights `g[i] = h[0] + .. + h[i]`. If the sum is exact for a ramp, these weights
+//! add up to one. So [`Fir`] can compute it.
 //!
-//! **Taylor** (Brown, Schneider, Mulligan, IEEE TIE 39(1), 1992): the derivative at `x[n]` of the
-//! polynomial through the last two (order 1: the finite difference), three or four samples:
+//! **Taylor** (Brown, Schneider, Mulligan, IEEE TIE 39(1), 1992) is the derivative at `x[n]` of the polynomial through
+//! the last samples: two (order 1, the finite difference), three or four.
 //!
 //! ```text
 //! order 2: v T = (3 x[n] - 4 x[n-1] + x[n-2]) / 2                   g = [3, -1] / 2
 //! order 3: v T = (11 x[n] - 18 x[n-1] + 9 x[n-2] - 2 x[n-3]) / 6    g = [11, -7, 2] / 6
 //! ```
 //!
-//! **Least squares** (the same paper): the derivative at `x[n]` of the polynomial of degree 1 or 2
-//! that fits the last `window + 1` samples best. With `s = i - m`, `m = window / 2`, and
-//! `S2 = sum s^2`, `S4 = sum s^4` over `i = 0 .. window`:
+//! **Least squares** (the same paper) is the derivative at `x[n]` of the polynomial of degree 1 or 2 that fits the last
+//! `window + 1` samples best. With `s = i - m`, `m = window / 2`, and `S2 = sum s^2`, `S4 = sum s^4` over
+//! `i = 0 .. window`:
 //!
 //! ```text
 //! degree 1: h[i] = -s / S2
 //! degree 2: h[i] = -s / S2 + 2 m (s^2 - S2 / M) / (S4 - S2^2 / M),   M = window + 1
 //! ```
 //!
-//! Degree 1 is late by half its window; degree 2 follows a constant acceleration without delay.
+//! Degree 1 is late by half its window. Degree 2 follows a constant acceleration without delay.
 
 use super::{
     fir::{FRACTION_BITS, Fir},
@@ -30,7 +30,7 @@ use super::{
 };
 use crate::range::{SettingsError, within};
 
-/// Exact weights of the last differences, newest first; they add up to one.
+/// Exact weights of the last differences, newest first. They add up to one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirDesign {
     weights: [f64; LENGTH],
@@ -38,10 +38,10 @@ pub struct FirDesign {
 }
 
 impl FirDesign {
-    /// Backward differences of that order, 1 to 3, over as many samples.
+    /// Backward differences of this order, 1 to 3, over the same number of samples.
     ///
     /// # Errors
-    /// Another order.
+    /// The order is out of range.
     pub fn taylor(order: u32) -> Result<Self, SettingsError> {
         within("order", f64::from(order), 1.0..=3.0)?;
         Ok(Self::of(match order {
@@ -51,7 +51,7 @@ impl FirDesign {
         }))
     }
 
-    /// Those weights, newest first: at most [`WINDOW_MAX`], each below 2, adding up to one.
+    /// These weights, newest first. There are at most [`WINDOW_MAX`], each below 2, and they add up to one.
     pub(super) fn of(exact: &[f64]) -> Self {
         let mut weights = [0.0; LENGTH];
         for (weight, exact) in weights.iter_mut().zip(exact) {
@@ -66,8 +66,8 @@ impl FirDesign {
         self.weights.get(..self.window as usize).unwrap_or(&self.weights)
     }
 
-    /// Least-squares fit of a polynomial of `degree` 1 or 2 over the last `window` differences,
-    /// `degree` to [`WINDOW_MAX`].
+    /// Least-squares fit of a polynomial of `degree` 1 or 2 over the last `window` differences. `window` is `degree` to
+    /// [`WINDOW_MAX`].
     ///
     /// # Errors
     /// Names the parameter and its range.
@@ -94,8 +94,8 @@ impl FirDesign {
         Ok(Self { weights, window })
     }
 
-    /// The weights in LSB of 2^-30, each within half an LSB. The remainder of their sum is added to the largest, so
-    /// that they add up to exactly 2^30.
+    /// The weights in LSB of 2^-30, each within half an LSB. The remainder of their sum is added to the largest weight,
+    /// so that they add up to exactly 2^30.
     pub fn quantise(&self) -> Fir {
         let one = 1i32 << FRACTION_BITS;
         let mut weights = [0; LENGTH];

@@ -1,9 +1,11 @@
-//! What the rows of the table become: the types, and the functions for all estimators.
+//! Turns the rows of the table into types, and into functions for all estimators.
 
-/// `NAME = ID, "text" { its numbers: KEY: type = ("name", "unit", default), .. }`, what it cannot do without, how its
-/// integer form is built for a [`Design`], and, where it is a weighted sum of differences, their exact weights.
+/// A row: `NAME = ID, "text" { KEY: type = ("name", "unit", default), .. }`, with the estimator's parameters. Then come
+/// the sense that it needs, and the code that builds its integer form for a [`Design`]. A weighted sum of differences
+/// also has its exact weights.
 ///
-/// `if` the build has them; the paths say how likely an estimator of the group is to the compiler, and how it is called.
+/// `if`: the features with which the build has a group. The two paths tell the compiler how likely an estimator of the
+/// group is, and how it is called.
 macro_rules! estimators {
     ($(if $on:meta, $likely:path, $step:path {
         forms { $(
@@ -27,13 +29,13 @@ macro_rules! estimators {
             $($($(#[$doc])* #[cfg($on)] $name,)*)*
         }
 
-        /// Which estimator, and its parameters in SI units.
+        /// Name of the estimator, and its parameters in SI units.
         #[derive(Clone, Copy, Debug, PartialEq)]
         pub enum VelocitySettings {
             $($($(#[$doc])* #[cfg($on)] $name { $($(#[$key_doc])* $key: $number,)* },)*)*
         }
 
-        /// A velocity estimator in integer form; made by [`VelocitySettings::build`].
+        /// A velocity estimator in integer form. Made by [`VelocitySettings::build`].
         #[derive(Clone, Copy, Debug, PartialEq)]
         #[cfg_attr(
             feature = "estimators",
@@ -43,39 +45,40 @@ macro_rules! estimators {
             $($($(#[$form_doc])* #[cfg($on)] $form($integer),)*)*
         }
 
-        /// Which integer form. It has the numbers of [`Estimator`], so that finding it takes one load.
+        /// Name of the integer form. It has the numbers of [`Estimator`], so that one load finds it.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub(super) enum Kind {
             $($(#[cfg($on)] $form,)*)*
         }
 
-        /// What the forms remember. Each form has its own field, so that the compiler can keep the few words of the
-        /// usual one in registers.
+        /// Memory of the forms. Each form has its own field. So the compiler can keep the few words of the usual form
+        /// in registers.
         #[derive(Clone, Copy, Debug)]
         pub(super) struct Memory {
             $($($(#[cfg($on)] $own: <$integer as Form>::State,)?)*)*
         }
 
         impl EstimatorName {
-            /// All of this build.
+            /// All estimators of this build.
             pub const ALL: &[Self] = &[$($(#[cfg($on)] Self::$name,)*)*];
 
-            /// As it is typed.
+            /// The word that a person types.
             pub const fn text(self) -> &'static str {
                 match self { $($(#[cfg($on)] Self::$name => $text,)*)* }
             }
 
-            /// Its number in a settings record. A number is never given a new meaning.
+            /// The number in a settings record. A number never gets a new meaning.
             pub const fn id(self) -> u32 {
                 match self { $($(#[cfg($on)] Self::$name => $id,)*)* }
             }
 
-            /// What it needs beside the position.
+            /// The sense that it needs beside the position.
             pub fn sense(self) -> Option<Sense> {
                 match self { $($(#[cfg($on)] Self::$name => None $(.or(Some(Sense::$sense)))?,)*)* }
             }
 
-            /// Its parameters: the tuning, which trades speed for accuracy, and for some estimators further ones.
+            /// Its parameters. The first one is the tuning, which trades speed for accuracy. Some estimators have
+            /// further ones.
             pub fn parameters(self) -> [Option<Parameter>; PARAMETERS] {
                 match self {
                     $($(#[cfg($on)] Self::$name => Parameter::all(&[$(
@@ -84,12 +87,12 @@ macro_rules! estimators {
                 }
             }
 
-            /// Their keys: the names with units, as in scenes and in [`SettingsError`].
+            /// Keys of the parameters: the names with units, as in scenes and in [`SettingsError`].
             pub const fn keys(self) -> &'static [&'static str] {
                 match self { $($(#[cfg($on)] Self::$name => &[$(stringify!($key)),*],)*)* }
             }
 
-            /// The name of those settings, and their parameters; 0 where there is none.
+            /// Name and parameters of these settings; 0 if there is no parameter at an index.
             pub fn of(settings: &VelocitySettings) -> (Self, Numbers) {
                 match *settings {
                     $($(#[cfg($on)] VelocitySettings::$name { $($key),* } => {
@@ -98,8 +101,7 @@ macro_rules! estimators {
                 }
             }
 
-            /// Its settings with these parameters. [`VelocitySettings::build`] checks their
-            /// ranges.
+            /// Settings of this estimator with these parameters. [`VelocitySettings::build`] checks their ranges.
             pub fn settings(self, numbers: Numbers) -> VelocitySettings {
                 let mut numbers = numbers.into_iter();
                 match self {
@@ -111,7 +113,7 @@ macro_rules! estimators {
         }
 
         impl VelocitySettings {
-            /// The estimator's integer form for that device.
+            /// The estimator's integer form for this device.
             ///
             /// # Errors
             /// Names the parameter that is out of range, and the range.
@@ -124,7 +126,8 @@ macro_rules! estimators {
                 })
             }
 
-            /// The exact weights of the last differences, newest first, if it is a sum of them.
+            /// The exact weights of the last differences, newest first. `None` if the estimator is no sum of
+            /// differences.
             ///
             /// # Errors
             /// Names the parameter that is out of range, and the range.
@@ -184,7 +187,6 @@ macro_rules! estimators {
                 $($($(#[cfg($on)] $own: <$integer as Form>::REST,)?)*)*
             };
 
-            /// Writes the memory of `estimator`.
             pub(super) fn put(&self, estimator: &Estimator, bytes: &mut Bytes<'_>) {
                 match estimator {
                     $($(#[cfg($on)] Estimator::$form(form) => {
@@ -193,7 +195,6 @@ macro_rules! estimators {
                 }
             }
 
-            /// Reads it again from the first bytes of `rest`.
             pub(super) fn take(estimator: &Estimator, rest: &mut &[u8]) -> Option<Self> {
                 let mut memory = Self::REST;
                 match estimator {
@@ -204,7 +205,6 @@ macro_rules! estimators {
                 Some(memory)
             }
 
-            /// Sum of the memory of `estimator`.
             #[inline(always)]
             pub(super) fn sum(&self, estimator: &Estimator) -> u32 {
                 match estimator {
@@ -215,7 +215,7 @@ macro_rules! estimators {
                 }
             }
 
-            /// Whether the part of that memory that the sum does not cover is unchanged.
+            /// Whether the part of this memory that the sum does not cover is unchanged.
             #[inline(always)]
             pub(super) fn is_whole(&self, estimator: &Estimator) -> bool {
                 match estimator {

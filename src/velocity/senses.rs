@@ -1,36 +1,36 @@
-//! What an estimator may use beside the position.
+//! Senses that an estimator may use beside the position.
 
 use crate::units::{Acceleration, Force};
 
-/// What an estimator may use beside the position, at a sample. The board or simulator fills in what it has. An
-/// estimator that needs something else is not offered ([`Sense`]).
+/// Values of the senses beside the position at a sample. The board or the simulator fills in the senses that it has. An
+/// estimator that needs another sense is not offered ([`Sense`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Senses {
-    /// Mean force on the handle since the last sample, as far as the controller knows: saturated,
-    /// held, and taken as acting since then.
+    /// Mean force on the handle since the last sample, as the controller knows it: saturated, held, and assumed to act
+    /// since then.
     pub force: Force,
-    /// Mean acceleration of the handle since the last sample, as measured.
+    /// Mean measured acceleration of the handle since the last sample.
     pub acceleration: Acceleration,
-    /// The latest edge of the encoder's signals; `None` before the first one.
+    /// The latest edge of the encoder's signals; `None` before the first edge.
     pub edge: Option<Edge>,
 }
 
 impl Senses {
-    /// Nothing but the position.
+    /// No sense but the position.
     pub const NONE: Self =
         Self { force: Force::ZERO, acceleration: Acceleration::ZERO, edge: None };
 }
 
 /// The latest edge of the encoder's signals.
 ///
-/// The encoder rounds down: after an edge up to the count c the handle was at exactly c counts, after an edge down to c
-/// at c + 1.
+/// The encoder rounds down. After an edge up to the count c the handle was at exactly c counts. After an edge down to c
+/// it was at exactly c + 1 counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// How long before the sample it came, in 2^-16 samples, rounded down, saturating. Below [`Edge::SAMPLE`] it came
+    /// Time from the edge to the sample, 2^-16 samples, rounded down, saturating. Below [`Edge::SAMPLE`] the edge came
     /// since the last sample.
     pub age: u32,
-    /// The count went up with it.
+    /// Whether the count went up with the edge.
     pub up: bool,
 }
 
@@ -41,7 +41,7 @@ impl Edge {
     pub const SAMPLE: u32 = 1 << Self::FRACTION_BITS;
 }
 
-/// A sense beside the position that an estimator cannot do without.
+/// A sense beside the position that an estimator needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sense {
     /// The force of the motor, [`Senses::force`].
@@ -53,7 +53,7 @@ pub enum Sense {
 }
 
 impl Sense {
-    /// Its name, for people.
+    /// Its name for people.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Force => "force",

@@ -1,13 +1,12 @@
-//! The estimators, one row each; what follows from a row is in `rows.rs`.
+//! The estimators, one row each. `rows.rs` turns the rows into types and functions.
 //!
-//! A new estimator is a file beside this one, whose integer form implements [`Form`], and its rows here.
-//! Everything that goes through all estimators (console, settings in flash, scenes, comparison, tests) reads
-//! the table.
+//! A new estimator has a file beside this one, whose integer form implements [`Form`], and its rows here. Console,
+//! settings in flash, scenes, comparison and tests read all estimators from the table.
 
 use super::{parameter::Number, rows::estimators, *}; // what the rows name
 use crate::{Design, SettingsError, units::Velocity};
 
-/// Nothing to the compiler.
+/// Marks the usual estimators. It does nothing.
 #[inline(always)]
 const fn usual() {}
 
@@ -20,10 +19,10 @@ estimators! {
         names {
             /// Finite difference followed by a second-order Butterworth low-pass; the paper's estimator.
             Butterworth = 1, "butterworth" {
-                /// Cutoff in Hz, as it stands in the paper's equation (2): 3.5e-5 to 0.499 of the rate.
+                /// Cutoff in Hz, as in the paper's equation (2): 3.5e-5 to 0.499 of the rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
             } => |design| LowPass(Biquad::low_pass(2, cutoff_hz, design.rate_hz, false)?);
-            /// The same pre-warped: the -3 dB frequency of the digital filter is the cutoff itself.
+            /// As `butterworth`, but pre-warped: the -3 dB frequency of the digital filter is the cutoff itself.
             ButterworthPrewarped = 2, "butterworth-prewarped" {
                 /// Cutoff in Hz: 3.5e-5 to 0.38 of the rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
@@ -33,7 +32,7 @@ estimators! {
                 /// Cutoff in Hz of the analog low-pass: 3.5e-5 to 0.499 of the rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
             } => |design| LowPass(Biquad::low_pass(1, cutoff_hz, design.rate_hz, false)?);
-            /// The same pre-warped: the -3 dB frequency of the digital filter is the cutoff itself.
+            /// As `first-order`, but pre-warped: the -3 dB frequency of the digital filter is the cutoff itself.
             FirstOrderPrewarped = 5, "first-order-prewarped" {
                 /// Cutoff in Hz: 3.5e-5 to 0.38 of the rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
@@ -61,7 +60,7 @@ estimators! {
             /// Derivative of the polynomial of order 2 through the last samples.
             Taylor2 = 6, "taylor-2" {} => |_| Fir(FirDesign::taylor(2)?.quantise()),
                 weights FirDesign::taylor(2)?;
-            /// The same of order 3.
+            /// Derivative of the polynomial of order 3 through the last samples.
             Taylor3 = 7, "taylor-3" {} => |_| Fir(FirDesign::taylor(3)?.quantise()),
                 weights FirDesign::taylor(3)?;
             /// Derivative of the straight line that fits the last samples best.
@@ -78,7 +77,7 @@ estimators! {
                 weights FirDesign::least_squares(2, window_samples)?;
             /// Tracking loop (phase-locked loop), critically damped.
             TrackingLoop = 30, "tracking-loop" {
-                /// Frequency of both its poles, Hz: 3.5e-5 to 0.25 of the rate.
+                /// Frequency of its two poles, Hz: 3.5e-5 to 0.25 of the rate.
                 bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
             } => |design| LowPass(TrackingLoop::new(bandwidth_hz, design.rate_hz)?.quantise());
             /// Extended-state observer that knows the force.
@@ -94,13 +93,13 @@ estimators! {
     }
     if feature = "time-stamps", core::hint::cold_path, called {
         forms {
-            /// Counts between two edges over the time between them.
+            /// Counts between two edges, divided by the time between them.
             TimeStamps(TimeStamps) keeps time_stamps;
         }
         names {
             /// Times of the encoder's edges.
             TimeStamps = 32, "time-stamps" {
-                /// Shortest time that it measures over, samples: 1 to 62.
+                /// Shortest time of a measurement, samples: 1 to 62.
                 span_samples: u32 = ("span", "samples", 8.0),
             } needs Edge => |_| TimeStamps(TimeStamps::new(span_samples)?);
         }
@@ -115,28 +114,28 @@ estimators! {
             Levant(Levant) keeps levant;
             /// Kalman filter with steady gains.
             Kalman(Kalman) keeps kalman;
-            /// The counts of a window over its length.
+            /// Counts in a window, divided by its length.
             WindowDifference(WindowDifference) keeps window;
-            /// Two biquads in a row.
+            /// Two biquads in series.
             Cascade(Cascade) keeps cascade;
         }
         names {
-            /// Position and acceleration, joined by an observer.
+            /// Position and acceleration, combined by an observer.
             Fusion = 33, "fusion" {
                 /// Frequency between position (below) and acceleration (above), Hz: 1e-3 to 0.2 of the rate.
                 crossover_hz: f64 = ("crossover", "Hz", 50.0),
             } needs Acceleration => |design| Fusion(Fusion(
                 ObserverDesign::of_accelerometer(crossover_hz, design.rate_hz)?.quantise()
             ));
-            /// First-order adaptive windowing: the line through the ends of the longest window that a line fits to
-            /// within the noise.
+            /// First-order adaptive windowing. The velocity is the slope through both ends of the longest window whose
+            /// samples lie on a line within the noise.
             FoawEnd = 10, "foaw-end" {
                 /// Longest window: samples from its oldest to its newest, 1 to 32.
                 window_samples: u32 = ("window", "samples", 16.0),
                 /// Largest distance of a sample from the line, counts, 0 to 1000; rounded to 1/16.
                 noise_counts: f64 = ("noise", "counts", 1.0),
             } => |_| Foaw(Foaw::new(false, window_samples, noise_counts)?);
-            /// First-order adaptive windowing: the window's least-squares slope.
+            /// First-order adaptive windowing. The velocity is the window's least-squares slope.
             FoawBest = 11, "foaw-best" {
                 /// Longest window: samples from its oldest to its newest, 1 to 32.
                 window_samples: u32 = ("window", "samples", 16.0),
@@ -152,7 +151,7 @@ estimators! {
             } => |design| Levant(
                 LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?.quantise(false)
             );
-            /// The same by the implicit Euler method.
+            /// Levant's robust exact differentiator, discretised by the implicit Euler method.
             LevantImplicit = 13, "levant-implicit" {
                 /// Largest acceleration C of the handle, m/s^2: 1e-6 to 1e4 counts per sample^2.
                 acceleration_max_m_per_s2: f64 = ("acceleration_max", "m/s^2", 20.0),
@@ -163,69 +162,70 @@ estimators! {
             );
             /// Steady-state Kalman filter with two states: position and velocity.
             Kalman2 = 14, "kalman-2" {
-                /// Acceleration that differs from sample to sample, RMS, m/s^2; its range follows from the design.
+                /// Acceleration that differs from sample to sample, RMS, m/s^2. Its range follows from the design.
                 acceleration_rms_m_per_s2: f64 = ("acceleration_rms", "m/s^2", 20.0),
             } => |design| Kalman(
                 KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?.quantise()
             );
             /// Steady-state Kalman filter with three states: position, velocity and acceleration.
             Kalman3 = 15, "kalman-3" {
-                /// Jerk that differs from sample to sample, RMS, m/s^3; its range follows from the design.
+                /// Jerk that differs from sample to sample, RMS, m/s^3. Its range follows from the design.
                 jerk_rms_m_per_s3: f64 = ("jerk_rms", "m/s^3", 20_000.0),
             } => |design| Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?.quantise());
             /// Finite difference followed by a low-pass of second order of any damping.
             SecondOrder = 17, "second-order" {
-                /// Cutoff in Hz, where an undamped one would resonate, not pre-warped: 3.5e-5 to 0.499 of the rate.
+                /// Cutoff in Hz, not pre-warped: 3.5e-5 to 0.499 of the rate. An undamped filter would resonate there.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
-                /// Quality factor Q, 0.3 to 2: 0.707 is Butterworth's, 0.5 has two equal poles.
+                /// Quality factor Q, 0.3 to 2. At 0.707 it is a Butterworth filter, at 0.5 it has two equal poles.
                 quality: f64 = ("quality", "1", 0.5),
             } => |design| LowPass(Biquad::second_order(cutoff_hz, quality, design.rate_hz)?);
             /// Finite difference and exponential smoothing, `y += (1 - p) (x - y)`, once or twice.
             Smoothing = 19, "smoothing" {
                 /// Frequency of the slower pole p, Hz: 3.5e-5 to 0.25 of the rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 500.0),
-                /// That of the other over it: 1 to 1e6, where it is none.
+                /// Frequency of the other pole over it: 1 to 1e6. At 1e6 there is no other pole.
                 ratio: f64 = ("ratio", "1", 1.0),
             } => |design| LowPass(
                 TrackingLoop::smoothing(cutoff_hz, ratio, design.rate_hz)?.quantise()
             );
-            /// Tracking loop whose output is led, or late.
+            /// Tracking loop whose output leads or lags.
             TrackingLead = 20, "tracking-lead" {
-                /// Frequency of both its poles, Hz: 3.5e-5 to 0.25 of the rate.
+                /// Frequency of its two poles, Hz: 3.5e-5 to 0.25 of the rate.
                 bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
-                /// Samples by which the output is led by its last change, from -1, a sample late.
+                /// Samples by which the output leads, from its last change. The lowest value, -1, is a lag of a sample.
                 lead: f64 = ("lead", "1", 0.0),
             } => |design| LowPass(TrackingLoop::led(bandwidth_hz, lead, design.rate_hz)?.quantise());
-            /// Finite difference and a biquad that is designed for a device: two poles, a lead, a second zero.
+            /// Finite difference and a biquad that is designed for a device, with two poles, a lead and a second zero.
             Biquad = 21, "biquad" {
                 /// Frequency of its poles, Hz: 3.5e-5 to 0.2 of the rate.
                 frequency_hz: f64 = ("frequency", "Hz", 700.0),
-                /// Their damping ratio, 0.02 to 4.
+                /// Damping ratio of the poles, 0.02 to 4.
                 damping: f64 = ("damping", "1", 0.5),
-                /// By how much a slow motion is led, s; its range follows from the others.
+                /// Lead of a slow motion, s. Its range follows from the others.
                 lead_s: f64 = ("lead", "s", 0.0),
-                /// Place of the second zero, -1 to 0.98: -1 is half the rate, 0 is none.
+                /// Position of the second zero in the z plane, -1 to 0.98. At -1 it removes half the sample rate; 0: no
+                /// zero.
                 zero: f64 = ("zero", "1", 0.0),
             } => |design| LowPass(
                 BiquadDesign::new(frequency_hz, damping, lead_s, zero, design.rate_hz)?.quantise()
             );
-            /// The same with a second biquad behind it.
+            /// As `biquad`, with a second biquad behind it.
             Biquad2 = 22, "biquad-2" {
                 /// Frequency of the first section's poles, Hz: 3.5e-5 to 0.2 of the rate.
                 frequency_hz: f64 = ("frequency", "Hz", 700.0),
-                /// Their damping ratio, 0.02 to 4.
+                /// Damping ratio of these poles, 0.02 to 4.
                 damping: f64 = ("damping", "1", 0.5),
-                /// By how much the first section leads a slow motion, s; its range follows from the others.
+                /// Lead of a slow motion in the first section, s. Its range follows from the others.
                 lead_s: f64 = ("lead", "s", 0.0),
-                /// Place of its second zero, -1 to 0.98.
+                /// Position of the first section's second zero in the z plane, -1 to 0.98.
                 zero: f64 = ("zero", "1", 0.0),
-                /// Frequency of the second section's poles over that of the first's.
+                /// Frequency of the second section's poles over the frequency of the first section's poles.
                 second_ratio: f64 = ("second_ratio", "1", 1.0),
-                /// Their damping ratio, 0.02 to 4.
+                /// Damping ratio of these poles, 0.02 to 4.
                 second_damping: f64 = ("second_damping", "1", 1.0),
-                /// By how much the second section leads a slow motion, s.
+                /// Lead of a slow motion in the second section, s.
                 second_lead_s: f64 = ("second_lead", "s", 0.0),
-                /// Place of its second zero, -1 to 0.98.
+                /// Position of the second section's second zero in the z plane, -1 to 0.98.
                 second_zero: f64 = ("second_zero", "1", 0.0),
             } => |design| Cascade(
                 CascadeDesign::new(
@@ -234,7 +234,7 @@ estimators! {
                     design.rate_hz,
                 )?.quantise()
             );
-            /// The counts of the last samples over their time.
+            /// Counts in a window of samples, divided by its time.
             WindowDifference = 18, "window-difference" {
                 /// Samples of the window, 1 to 255.
                 window_samples: u32 = ("window", "samples", 16.0),

@@ -1,4 +1,4 @@
-//! Time stamping: counts between two edges over the time between them.
+//! Time stamping: the counts between two edges, divided by the time between them.
 //!
 //! ```text
 //! v = (X[k] - X[j]) / (t[k] - t[j])       k: the latest edge, j: the latest edge that is older by
@@ -6,23 +6,23 @@
 //! |v| <= 1 / (t - t[k])                   no edge since: less than one count since
 //! ```
 //!
-//! The M/T method of period measurement (Ohmae et al., IEEE TIE 29(3), 1982), with the times of the edges as in Merry,
-//! van de Molengraft, Steinbuch, "Velocity and acceleration estimation for optical incremental encoders", Mechatronics
-//! 20(1), 2010. The encoder rounds down: X is the count itself after an edge up, and the count plus one after an edge
-//! down. So a reversal at a border gives 0, not 1. With ideal edges the positions are exact, and the only error is the
-//! time's LSB of 2^-16 samples. Phase and duty errors of a real encoder repeat every four counts; the span averages
-//! over them.
+//! This is the M/T method of period measurement (Ohmae et al., IEEE TIE 29(3), 1982). The times of the edges are used
+//! as in Merry, van de Molengraft, Steinbuch, "Velocity and acceleration estimation for optical incremental encoders",
+//! Mechatronics 20(1), 2010. The encoder rounds down. So X is the count itself after an edge up, and the count plus one
+//! after an edge down. A reversal at a border then gives 0, not 1. With ideal edges the positions are exact, and the
+//! only error is the time's LSB of 2^-16 samples. Phase and duty errors of a real encoder repeat every four counts. The
+//! span averages over them.
 //!
-//! **What it needs.** The age of the latest edge at each sample ([`Edge`]). Without it, half a count's time is assumed
-//! as the age. Then it only counts over the span.
+//! **Input.** The estimator needs the age of the latest edge at each sample ([`Edge`]). Without it, half a count's time
+//! is assumed as the age. Then the estimator only counts over the span.
 //!
 //! **Error and delay.** At constant speed v the error is at most `v / (65536 (span - 1/2)) + 2^-17` counts per sample.
-//! Slower than one count in 2^15 samples is standstill. The velocity is the mean between the two edges. If edges come
-//! with every sample, it is late by `span / 2` samples and half the time of a count. (One edge a sample is kept. The
-//! half sample of the span then prevents the measured time from switching between two lengths.) If edges come less
-//! often than the span, it is late by half a period and the age of the last edge. When the handle slows down, the bound
-//! reduces this delay. After standstill the first edge only shows that there was one; the velocity comes with the
-//! second.
+//! A speed below one count in 2^15 samples is standstill. The velocity is the mean between the two edges.
+//!
+//! If edges come with every sample, it is late by `span / 2` samples and half the time of a count. One edge a sample is
+//! stored. The half sample of the span then prevents the measured time from switching between two lengths. If edges
+//! come less often than the span, it is late by half a period and the age of the last edge. When the handle slows down,
+//! the bound reduces this delay. After standstill the first edge gives no velocity yet. The second one does.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -39,9 +39,9 @@ use crate::{
 
 /// Longest span, in samples.
 pub const SPAN_MAX: u32 = 62;
-/// One edge per sample of the longest span, one older and one newer.
+/// Stored edges: one per sample of the longest span, one older and one newer.
 const LENGTH: u8 = 64;
-/// After this time without an edge the handle stands still, in 2^-16 samples.
+/// Time without an edge after which the handle stands still, 2^-16 samples.
 const STANDSTILL: u32 = 1 << 31;
 /// 2^16 LSB of velocity per count per sample, times 2^16 LSB of time per sample.
 const SCALE_BITS: u32 = Velocity::FRACTION_BITS + Edge::FRACTION_BITS;
@@ -49,7 +49,7 @@ const SCALE_BITS: u32 = Velocity::FRACTION_BITS + Edge::FRACTION_BITS;
 /// Period measurement in integer form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeStamps {
-    /// Shortest time to measure over, in 2^-16 samples: 1 to [`SPAN_MAX`] samples less a half.
+    /// Shortest time of a measurement, 2^-16 samples: 1 to [`SPAN_MAX`] samples less a half.
     pub(super) span: u32,
 }
 
@@ -63,28 +63,26 @@ struct Stamp {
 
 kept!(Stamp { time, place });
 
-/// The last edges, at most one per sample.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TimeStampsState {
     stamps: [Stamp; LENGTH as usize],
-    /// Sum over all stamps.
     sum: u32,
-    /// Place of the latest one, and how far back the one lies that is measured from; both 0 with
-    /// one edge only.
+    /// Index of the latest stamp. The next field: distance from it to the first stamp of the measurement. Both are 0
+    /// with one edge only.
     latest: u8,
     back: u8,
-    /// There was an edge.
+    /// Whether there was an edge.
     begun: bool,
     /// Time of this sample, 2^-16 samples, wrapping.
     now: u32,
-    /// Its count, wrapping; not renamed when the position is zeroed.
+    /// Count of this sample, wrapping. It is not renamed when the position is zeroed.
     count: i32,
     /// Mean velocity between the two edges.
     measured: Velocity,
 }
 
 impl TimeStamps {
-    /// A measurement over at least that many samples, 1 to [`SPAN_MAX`].
+    /// A measurement over at least this number of samples, 1 to [`SPAN_MAX`].
     ///
     /// # Errors
     /// Names the parameter and its range.
@@ -93,8 +91,8 @@ impl TimeStamps {
         Ok(Self { span: (span_samples << Edge::FRACTION_BITS) - Edge::SAMPLE / 2 })
     }
 
-    /// The mean velocity up to the latest edge. Searches the edge to measure from, beginning with the last
-    /// one.
+    /// The mean velocity up to the latest edge. Before that it searches the edge at which the measurement begins,
+    /// starting at the last measurement's.
     fn measure(&self, state: &mut TimeStampsState) -> Velocity {
         let latest = state.at(0);
         while state.back > 1 && latest.time.wrapping_sub(state.at(state.back - 1).time) >= self.span
@@ -112,7 +110,7 @@ impl TimeStamps {
     }
 }
 
-/// It cannot be restored from bytes, because it needs the times of the edges, which telemetry does not have.
+/// It cannot be restored from bytes. It needs the times of the edges, which telemetry does not have.
 impl Kept for TimeStampsState {
     fn put(&self, _: &mut Bytes<'_>) {}
 
@@ -162,7 +160,7 @@ impl Form for TimeStamps {
         if u64::from(speed) * u64::from(age) <= 1 << SCALE_BITS {
             return state.measured;
         }
-        // At most the speed, which is 31 bits.
+        // At most the speed, which has 31 bits.
         #[expect(clippy::cast_possible_truncation, reason = "see above")]
         let bound = quotient(1 << SCALE_BITS, age) as i32;
         let velocity = if state.measured < Velocity::ZERO { -bound } else { bound };
@@ -170,15 +168,15 @@ impl Form for TimeStamps {
     }
 }
 
-/// `dividend / divisor` to the nearest; the dividend itself by 0.
+/// `dividend / divisor`, rounded to the nearest. A divisor of 0 gives the dividend itself.
 #[inline]
 fn quotient(dividend: u64, divisor: u32) -> u64 {
     NonZeroU64::new(divisor.into())
         .map_or(dividend, |divisor| dividend.saturating_add(divisor.get() / 2) / divisor)
 }
 
-/// The edge that came since the last sample, if there was one. A count that moved had an edge; if its age is not known,
-/// it is assumed.
+/// The edge that came since the last sample, if there was one. A count that moved had an edge. If the age of this edge
+/// is not known, it is assumed.
 #[inline]
 fn fresh(difference: i32, edge: Option<Edge>) -> Option<Edge> {
     match edge {
@@ -190,8 +188,8 @@ fn fresh(difference: i32, edge: Option<Edge>) -> Option<Edge> {
     }
 }
 
-/// Half the time of one count, in 2^-16 samples, at that many counts per sample; half a sample
-/// below one count per sample.
+/// Half the time of one count at a speed of `counts` counts per sample, 2^-16 samples. Half a sample below one count
+/// per sample.
 #[inline]
 fn likely_age(counts: i32) -> u32 {
     Edge::SAMPLE / 2 / counts.unsigned_abs().max(1)
@@ -209,7 +207,7 @@ impl TimeStampsState {
         measured: Velocity::ZERO,
     };
 
-    /// The stamp that lies `back` before the latest.
+    /// The stamp that is `back` stamps before the latest.
     #[inline]
     fn at(&self, back: u8) -> Stamp {
         let place = usize::from(self.latest.wrapping_sub(back) % LENGTH);
@@ -229,7 +227,7 @@ impl TimeStampsState {
         self.begun = true;
     }
 
-    /// As after many samples at that velocity: two edges that are a span apart, or one count.
+    /// The state after many samples at this velocity: two edges, a span apart or one count apart.
     fn at_velocity(velocity: Velocity, of: &TimeStamps) -> Self {
         let speed = velocity.bits().unsigned_abs();
         if speed == 0 {
@@ -261,7 +259,7 @@ impl TimeStampsState {
 mod tests {
     use super::*;
 
-    /// Edges at `t` (2^-16 samples), position after the last one.
+    /// Runs an estimator. The edges are at `t` (2^-16 samples). Each position is the position after the last edge.
     fn run(span: u32, samples: &[(i32, Option<(u32, bool)>)]) -> std::vec::Vec<i32> {
         let estimator = TimeStamps::new(span).unwrap();
         let mut state = TimeStampsState::REST;
@@ -297,7 +295,7 @@ mod tests {
     fn a_reversal_at_one_border_measures_no_move() {
         // up over the border, and back down over it
         assert_eq!(run(2, &[(1, Some((100, true))), (-1, Some((50, false)))])[1], 0);
-        // over the next border and back within a sample: one count on, over the span at least
+        // over the next border and back within a sample: one count more, over at least the span
         assert_eq!(run(2, &[(1, Some((100, true))), (0, Some((50, false)))])[1], 43_691); // 2^16 / 1.5
     }
 

@@ -4,20 +4,19 @@
 //! e = x[n] - (x^ + v^)        x^ = x^ + v^ + kp e        v^ = v^ + ki e        counts, samples
 //! ```
 //!
-//! The output is the integral `v^` alone, as in ODrive (`Firmware/MotorControl/encoder.cpp`). The other usual choice,
-//! `v^ + kp e` (moteus, `fw/motor_position.h`), has no delay at DC. But it passes every edge of the count on at once,
-//! and falls off with one pole only.
+//! The output is the integral `v^` alone, as in ODrive (`Firmware/MotorControl/encoder.cpp`). The other usual output is
+//! `v^ + kp e` (moteus, `fw/motor_position.h`). It has no delay at DC. But it passes on every edge of the count at
+//! once, and its gain falls like that of a single pole.
 //!
-//! **Gains.** ODrive and moteus set `kp = 2 w T`, `ki = (w T)^2`. This is critically damped only for
-//! small w T, and unstable soon after; ODrive refuses `kp >= 1`. Here both poles are put at `p = exp(-w
-//! T)`, `w = 2 pi bandwidth`, by their characteristic polynomial `z^2 - (2 - kp - ki) z + (1 - kp) = (z -
-//! p)^2`:
+//! **Gains.** ODrive and moteus set `kp = 2 w T`, `ki = (w T)^2`. This is critically damped only for small w T, and
+//! unstable soon above it. ODrive refuses `kp >= 1`. Here both poles are at `p = exp(-w T)`, with `w = 2 pi bandwidth`.
+//! The characteristic polynomial `z^2 - (2 - kp - ki) z + (1 - kp) = (z - p)^2` gives
 //!
 //! ```text
 //! kp = 1 - p^2,   ki = (1 - p)^2
 //! ```
 //!
-//! From [`BANDWIDTH_MAX`] of the rate on (kp = 0.957 there), kp comes near 1, where the loop follows every count. A
+//! From [`BANDWIDTH_MAX`] of the rate on (kp = 0.957 there), kp comes near 1. There the loop follows every count. So a
 //! higher bandwidth is refused.
 //!
 //! **Form.** Solved for v^ the loop is
@@ -26,12 +25,13 @@
 //! V^ = ki / (1 - p z^-1)^2  (1 - z^-1) X
 //! ```
 //!
-//! a finite difference and a low-pass with a double pole. So the core computes it with the low-pass that it
-//! has: at rest it ends at exactly 0, and at constant speed nothing is lost. A loop with a rounded-down x^
-//! would need a dead band (`|v| < ki / 2` becomes 0) against jitter. The simulator's twin runs the two
-//! integrators, and a test compares both. Delay at DC: `1/2 + 2 p / (1 - p)` samples; -3 dB at 0.644 of the
-//! bandwidth (for w T << 1), falling off with 12 dB per octave. Like any linear filter of the count it trades
-//! noise for delay.
+//! This is a finite difference and a low-pass with a double pole. So the core computes it with its low-pass. At rest
+//! the output ends at exactly 0, and at constant speed nothing is lost. A loop with a rounded-down x^ would need a dead
+//! band (`|v| < ki / 2` becomes 0) against jitter. The simulator's twin runs the two integrators, and a test compares
+//! both.
+//!
+//! The delay at DC is `1/2 + 2 p / (1 - p)` samples. The -3 dB frequency is 0.644 of the bandwidth (for w T << 1).
+//! Above it the gain falls by 12 dB per octave. Like any linear filter of the count the loop trades noise for delay.
 
 use core::ops::RangeInclusive;
 
@@ -42,9 +42,10 @@ use crate::range::{SettingsError, within};
 pub const BANDWIDTH_MIN: f64 = 3.5e-5;
 /// Highest accepted bandwidth, as a fraction of the sample rate.
 pub const BANDWIDTH_MAX: f64 = 0.25;
-/// Accepted ratios of the second pole's frequency of smoothing to the first's. A second pole of 1e-8 or less is none.
+/// Accepted ratios of the second pole's frequency to the first's, for smoothing. A second pole of 1e-8 or less has no
+/// effect.
 pub const RATIO: RangeInclusive<f64> = 1.0..=1e6;
-/// Above it the first order of error feedback is the quieter one: both leave 0.35 LSB RMS there,
+/// Above this fraction of the sample rate the first order of error feedback is quieter. There both leave 0.35 LSB RMS,
 /// by the squared impulse responses of `(1 - z^-1)^k / (1 - p z^-1)^2`.
 const SECOND_ORDER_BELOW: f64 = 0.05;
 
@@ -55,16 +56,16 @@ pub struct TrackingLoop {
     pub kp: f64,
     /// Gain from error to velocity, per sample.
     pub ki: f64,
-    /// Samples by which the output leads, from its last change; 0 except with [`TrackingLoop::led`].
+    /// Samples by which the output leads, from its last change. It is 0, except with [`TrackingLoop::led`].
     pub lead: f64,
     bandwidth_per_rate: f64,
 }
 
 impl TrackingLoop {
-    /// The loop whose two poles lie at that bandwidth; it and the sample rate in Hz.
+    /// The loop with two poles at this bandwidth. Bandwidth and sample rate are in Hz.
     ///
     /// # Errors
-    /// `bandwidth_hz` outside [`BANDWIDTH_MIN`] .. [`BANDWIDTH_MAX`] of the rate.
+    /// `bandwidth_hz` is outside [`BANDWIDTH_MIN`] .. [`BANDWIDTH_MAX`] of the rate.
     pub fn new(bandwidth_hz: f64, rate_hz: f64) -> Result<Self, SettingsError> {
         let range = BANDWIDTH_MIN * rate_hz..=BANDWIDTH_MAX * rate_hz;
         within("bandwidth_hz", bandwidth_hz, range)?;
@@ -73,11 +74,12 @@ impl TrackingLoop {
         Ok(Self { kp: less * (2.0 - less), ki: less * less, lead: 0.0, bandwidth_per_rate })
     }
 
-    /// Exponential smoothing, twice: poles at `exp(-w T)` of this cutoff and of `ratio` times this cutoff. As a loop it
-    /// need not be critically damped: `1 - kp` is the product of the poles, `ki` the product of their distances from 1.
+    /// Exponential smoothing, twice: the poles are at `exp(-w T)` of this cutoff and of `ratio` times this cutoff. As a
+    /// loop it need not be critically damped. `1 - kp` is the product of the poles. `ki` is the product of their
+    /// distances from 1.
     ///
     /// # Errors
-    /// `cutoff_hz` outside [`BANDWIDTH_MIN`] .. [`BANDWIDTH_MAX`] of the rate, `ratio` outside [`RATIO`].
+    /// `cutoff_hz` is outside [`BANDWIDTH_MIN`] .. [`BANDWIDTH_MAX`] of the rate, or `ratio` is outside [`RATIO`].
     pub fn smoothing(cutoff_hz: f64, ratio: f64, rate_hz: f64) -> Result<Self, SettingsError> {
         within("cutoff_hz", cutoff_hz, BANDWIDTH_MIN * rate_hz..=BANDWIDTH_MAX * rate_hz)?;
         within("ratio", ratio, RATIO)?;
@@ -88,17 +90,18 @@ impl TrackingLoop {
         Ok(Self { kp: less[0] + less[1] - ki, ki, lead: 0.0, bandwidth_per_rate })
     }
 
-    /// The loop of that bandwidth with the output `v^ + lead (v^[n] - v^[n-1])`: -1 is a sample late, `kp / ki` adds
-    /// the loop's proportional part, which leaves no delay at DC.
+    /// The loop with this bandwidth and the output `v^ + lead (v^[n] - v^[n-1])`. A lead of -1 is a lag of one sample.
+    /// A lead of `kp / ki` adds the loop's proportional part, which leaves no delay at DC.
     ///
     /// # Errors
-    /// `bandwidth_hz` as above, `lead` outside -1 .. `kp / ki + 1` (no delay, and the sample more that an explicit loop's
-    /// proportional part gives), or so large that a coefficient reaches 2 or their magnitudes add up to 4.
+    /// `bandwidth_hz` is out of range as in [`new`](Self::new). Or `lead` is outside -1 .. `kp / ki + 1`. The upper end
+    /// is the lead without delay, plus the sample that an explicit loop's proportional part gives. Or `lead` is so
+    /// large that a coefficient reaches 2 or their magnitudes add up to 4.
     pub fn led(bandwidth_hz: f64, lead: f64, rate_hz: f64) -> Result<Self, SettingsError> {
         let own = Self::new(bandwidth_hz, rate_hz)?;
         let (kp, ki) = (own.kp, own.ki);
         let sum = 0.5 * ((3.999 - (3.0 - 2.0 * kp - ki)) / ki - 1.0);
-        // A part in 10^12, for callers that compute the limit in another way.
+        // Room of 1 part in 10^12, for callers that compute the limit in another way.
         let most = (kp / ki + 1.0) * (1.0 + 1e-12);
         within("lead", lead, -1.0..=most.min(1.999 / ki - 1.0).min(sum))?;
         Ok(Self { lead, ..own })
@@ -106,12 +109,12 @@ impl TrackingLoop {
 
     /// Delay of a slow motion, in samples.
     pub fn delay_samples(&self) -> f64 {
-        // 1/2 and p / (1 - p) of each pole
+        // 1/2, and p / (1 - p) of each pole
         0.5 + (self.kp - self.ki) / self.ki - self.lead
     }
 
-    /// The low-pass behind the finite difference, with a DC gain of exactly one: the coefficients
-    /// are within one LSB of 2^-30.
+    /// The low-pass behind the finite difference, with a DC gain of exactly one. The coefficients are within one LSB of
+    /// 2^-30.
     pub fn quantise(&self) -> Biquad {
         let one = 1i32 << Biquad::FRACTION_BITS;
         #[expect(clippy::cast_possible_truncation, reason = "below 1, so below 2^30")]

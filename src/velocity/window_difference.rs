@@ -1,12 +1,12 @@
-//! Difference over a window: the counts of the last N samples over their time, as in the drivers of CHAI3D and Force
-//! Dimension.
+//! Difference over a window: the counts of the last N samples, divided by their time. The drivers of CHAI3D and Force
+//! Dimension use it too.
 //!
 //! ```text
 //! v T = (x[n] - x[n-N]) / N
 //! ```
 //!
-//! It is late by N / 2 samples, and its steps are 1 / N counts per sample. The sum of the last differences is kept,
-//! exact in integers, so a long window takes no more time than a short one.
+//! It is late by N / 2 samples. Its steps are 1 / N counts per sample. The sum of the last differences is stored, exact
+//! in integers. So a long window takes no more time than a short one.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -20,22 +20,22 @@ use crate::{
     units::Velocity,
 };
 
-/// Longest window that is accepted, samples.
+/// Longest accepted window, samples.
 pub const DIFFERENCE_WINDOW_MAX: u8 = 255;
 
 const LENGTH: usize = 256;
-/// Fractional bits of the factor beyond those of a velocity: rounding it costs a quarter of an LSB.
+/// Fractional bits of the factor beyond those of a velocity. Rounding the factor costs a quarter of an LSB.
 const FACTOR_BITS: u32 = 24;
 
 /// Difference over a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WindowDifference {
     window: u8,
-    /// One over the window.
+    /// One over the window, see [`factor`](Self::factor).
     factor: i64,
 }
 
-/// The last differences and the sum of those in the window.
+/// The last differences, and the sum of the differences in the window.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct WindowState {
     ring: Ring<LENGTH>,
@@ -45,10 +45,10 @@ pub(super) struct WindowState {
 kept!(WindowState { ring, sum });
 
 impl WindowDifference {
-    /// Over that many samples, 1 to [`DIFFERENCE_WINDOW_MAX`].
+    /// A difference over this number of samples, 1 to [`DIFFERENCE_WINDOW_MAX`].
     ///
     /// # Errors
-    /// Another window.
+    /// The window is out of range.
     pub fn new(window_samples: u32) -> Result<Self, SettingsError> {
         let range = 1.0..=f64::from(DIFFERENCE_WINDOW_MAX);
         within("window_samples", f64::from(window_samples), range)?;
@@ -62,7 +62,7 @@ impl WindowDifference {
         self.window
     }
 
-    /// One over them, in LSB of a velocity with [`FACTOR_BITS`](Self::FACTOR_BITS) fractional bits.
+    /// One over the window, in LSB of a velocity with [`FACTOR_BITS`](Self::FACTOR_BITS) further fractional bits.
     pub const fn factor(&self) -> i64 {
         self.factor
     }
@@ -113,7 +113,7 @@ mod tests {
 
     const LSB: f64 = (1u32 << Velocity::FRACTION_BITS) as f64;
 
-    /// Velocities at those positions, counts per sample; the handle rests at the first.
+    /// Velocities at these positions, counts per sample. The handle rests at the first position.
     fn velocities(window: u32, positions: &[i32]) -> std::vec::Vec<f64> {
         let settings = EstimatorName::WindowDifference.defaults().with_tuning(window.into());
         let estimator = settings.build(&DESIGN).unwrap();

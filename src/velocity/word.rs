@@ -1,5 +1,5 @@
-//! A number of 64 bits, or a vector of them: estimators that the simulator also runs many times side by side are
-//! written for this type.
+//! A number of 64 bits, or a vector of such numbers. The simulator runs some estimators many times side by side. These
+//! are written for this type.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -10,15 +10,15 @@ use crate::Gain;
 
 /// A signed number of 64 bits, or a vector of them.
 ///
-/// A vector may omit the clamping, if its caller notices when one of its numbers comes near a limit.
+/// A vector may omit the clamping, if its caller finds out when one of its numbers is near a limit.
 pub trait Word:
     Copy + Add<Output = Self> + Sub<Output = Self> + Shl<u32, Output = Self> + Shr<u32, Output = Self>
 {
-    /// A factor, for each number of the vector its own.
+    /// A factor. A vector has one for each of its numbers.
     type Gain: Copy;
-    /// A factor below 1, for each number of the vector its own.
+    /// A factor below 1. A vector has one for each of its numbers.
     type Factor: Copy;
-    /// 16 bits without sign, for each number of the vector its own.
+    /// 16 bits without sign. A vector has them for each of its numbers.
     type Fraction: Copy;
 
     /// The nearest number within `-limit..=limit`.
@@ -29,22 +29,22 @@ pub trait Word:
     #[must_use]
     fn times(self, gain: Self::Gain) -> Self;
 
-    /// The product with `bits` more fractional bits, at most 31, rounded down, saturating at 2^62. A vector's factor
-    /// is made for those bits.
+    /// The product with `bits` more fractional bits (at most 31), rounded down, saturating at 2^62. A vector's factor
+    /// must be made for these bits.
     #[must_use]
     fn part(self, factor: Self::Factor, bits: u8) -> Self;
     /// The sum, saturating at 64 bits.
     #[must_use]
     fn saturating(self, other: Self) -> Self;
-    /// Without the last `bits` bits, rounded to nearest.
+    /// The number without its last `bits` bits, rounded to nearest.
     #[must_use]
     fn rounded(self, bits: u32) -> Self;
 
-    /// The sum with 16 bits without sign.
+    /// The sum with a fraction of 16 bits without sign.
     #[must_use]
     fn plus(self, fraction: Self::Fraction) -> Self;
 
-    /// Without the last 16 bits, rounded down, and those.
+    /// The number without its last 16 bits, rounded down, and these 16 bits.
     fn split(self) -> (Self, Self::Fraction);
 }
 

@@ -1,4 +1,4 @@
-//! RTT's control block. It is in RAM, where a host writes too, so its buffers are compared before each use.
+//! RTT's control block. It is in RAM, where a host writes too. So its buffers are checked before each use.
 
 /// Sizes of the buffers of up 0 to 2 and of down 0, in the order of the control block.
 const SIZES: [u32; 4] = [4096, 8192, 1024, 256];
@@ -11,8 +11,8 @@ unsafe extern "C" {
 /// A channel's words: name, buffer, size, write, read, flags.
 const WORDS: usize = 6;
 
-/// Names, buffers and sizes of all channels, folded into one word. Nobody changes them after set-up. A host writes the
-/// other words.
+/// Names, buffers and sizes of all channels, folded into one word. They do not change after set-up. A host writes only
+/// the other words.
 #[inline(always)]
 pub(in crate::board) fn sum() -> u32 {
     let mut sum = 0u32;
@@ -24,7 +24,7 @@ pub(in crate::board) fn sum() -> u32 {
     sum
 }
 
-/// Address of a channel's buffer. A host writes into the control block: with a wrong address or size the program would
+/// Address of a channel's buffer. A host writes into the control block. With a wrong address or size the program would
 /// write into the memory of a task.
 pub(in crate::board) struct Buffer {
     channel: usize,
@@ -41,12 +41,12 @@ impl Buffer {
         unsafe { (&raw const _SEGGER_RTT).add(WORDS * (1 + channel) + word).read_volatile() }
     }
 
-    /// The next byte that the program reads of a channel from the host.
+    /// Offset in the buffer of the next byte that the program reads.
     pub(in crate::board) fn next_read(&self) -> u32 {
         Self::word(self.channel, 4)
     }
 
-    /// Clears these bytes, so that a command is not read twice if a bit of the control block flips.
+    /// Clears these bytes. Otherwise a command could be read twice after a flipped bit in the control block.
     pub(in crate::board) fn clear(&self, from: u32, count: usize) {
         let Some(&size) = SIZES.get(self.channel) else { return };
         for at in (from..).take(count) {

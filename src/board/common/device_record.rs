@@ -1,10 +1,12 @@
-//! The device record, in its own flash sector (memory.x): that of the build, until another one is programmed there.
+//! The device record, in its own flash sector (memory.x). The build puts the first one there. Another one can be
+//! programmed in its place.
 
 use zwidth::device::record::WORDS_MAX;
 
 const BYTES: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/device.record"));
 
-/// Nothing reads it by this name, so that the program sees a record which is programmed in its place later.
+/// No code uses this name, so the compiler cannot assume the content. The program sees a record that is programmed
+/// later.
 #[used]
 // SAFETY: the section holds nothing else, and memory.x keeps a whole sector for it.
 #[unsafe(link_section = ".device")]
@@ -15,7 +17,6 @@ unsafe extern "C" {
     safe static _device_record: [u32; WORDS_MAX];
 }
 
-/// The words of the sector.
 pub fn device_record() -> &'static [u32] {
     &_device_record
 }

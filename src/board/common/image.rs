@@ -1,10 +1,11 @@
-//! Where the image is in flash, by the linker's names: those of memory.x and of cortex-m-rt's link.x.
+//! Where the image is in flash, by the symbols of memory.x and of cortex-m-rt's link.x.
 
 use core::{ptr, slice};
 
 use zwidth::image::Image;
 
-// SAFETY: words of flash that nothing writes while this runs. Only of the seal the content is read, else the address.
+// SAFETY: words of flash that nothing writes while this runs. Only the seal is read. Of the others only the address is
+// used.
 unsafe extern "C" {
     safe static __vector_table: u32;
     safe static _seal: [u32; 1];

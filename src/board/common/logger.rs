@@ -1,9 +1,8 @@
 //! defmt's global logger: RTT up channel 0, without ever delaying the sampling task.
 //!
-//! While the lower tasks are masked ([`mask`](super::mask)), a frame is put together in a staging buffer. Then it is
-//! written to the channel whole or not at all. If the reader is slow, has stopped or has set its channel to
-//! blocking, lines are lost and no task waits. Logging from the sampling task, a fault handler or inside another
-//! frame traps.
+//! A frame is put together in a staging buffer while the lower tasks are masked ([`mask`](super::mask)). Then it is
+//! written to the channel whole or not at all. Lines are lost if the reader is slow, has stopped or has set its channel
+//! to blocking. No task waits. Logging from the sampling task, a fault handler or inside another frame traps.
 
 use core::{
     cell::UnsafeCell,
@@ -45,7 +44,7 @@ static STATE: Shared = Shared(UnsafeCell::new(State {
 }));
 
 impl State {
-    /// Appends to the frame; past its end only the length grows, which drops the frame.
+    /// Appends to the frame. Past the frame's end only the length grows, and the frame is dropped.
     fn stage(frame: &mut [u8; FRAME_BYTES], length: &mut usize, bytes: &[u8]) {
         // In this order the compiler sees that the lengths are equal, and no panic is left in the code.
         let rest = frame.get_mut(*length..);
@@ -56,12 +55,10 @@ impl State {
     }
 }
 
-/// How many frames found no room, ever; wraps.
 pub fn dropped() -> u32 {
     DROPPED.load(Relaxed)
 }
 
-/// Starts logging to `channel`.
 pub(in crate::board) fn start(channel: UpChannel, buffer: Buffer) {
     mask::with_lower_tasks_masked(|| {
         // SAFETY: see `Shared`.
@@ -106,7 +103,7 @@ unsafe impl defmt::Logger for Logger {
             && buffer.holds()
             && let Some(whole) = state.frame.get(..state.length)
         {
-            // Whatever mode a debugger has written into the channel: a full channel drops the frame.
+            // A debugger may have set another mode. A full channel must drop the frame.
             channel.set_mode(ChannelMode::NoBlockSkip);
             taken = channel.write(whole) == whole.len();
         }

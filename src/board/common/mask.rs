@@ -1,7 +1,7 @@
 //! A critical section that the sampling task does not notice.
 //!
-//! BASEPRI is raised to [`LEVEL`], which masks priorities 1 to 14, but not 15, the sampling task. PRIMASK stays as it
-//! is. The section excludes every task except the sampling task, which must not use what the section guards: a call
+//! BASEPRI is raised to [`LEVEL`]. This masks priorities 1 to 14, but not 15, the sampling task. PRIMASK stays as it
+//! is. So the section excludes every task except the sampling task. That task must not use the guarded data: a call
 //! from there traps.
 
 use core::arch::asm;
@@ -11,7 +11,7 @@ use cortex_m::peripheral::scb::VectActive;
 /// BASEPRI that masks the RTIC priorities 1..=14 (hardware 0xF0 down to 0x20).
 const LEVEL: u8 = 0x20;
 
-/// Runs `section` with every interrupt but the sampling one held off.
+/// Runs `section` while all interrupts except the sampling task's are masked.
 ///
 /// A wrong caller (the sampling task, a fault handler, NMI) ends in an undefined instruction. [`LEVEL`] does not mask
 /// such a caller, so it could have interrupted another section.
@@ -23,8 +23,7 @@ pub fn with_lower_tasks_masked<R>(section: impl FnOnce() -> R) -> R {
     result
 }
 
-/// The first half of [`with_lower_tasks_masked`], where a closure does not fit; returns what
-/// [`restore`] takes.
+/// First half of [`with_lower_tasks_masked`], for code without a closure. Returns the argument of [`restore`].
 #[inline(always)]
 pub(in crate::board) fn raise() -> u8 {
     if !caller_is_masked() {
@@ -38,7 +37,7 @@ pub(in crate::board) fn raise() -> u8 {
     before
 }
 
-/// The second half: undoes [`raise`].
+/// Second half: undoes [`raise`].
 #[inline(always)]
 pub(in crate::board) fn restore(before: u8) {
     // SAFETY: `before` is what BASEPRI was before the matching `raise`; accesses that it guarded
@@ -48,7 +47,7 @@ pub(in crate::board) fn restore(before: u8) {
     }
 }
 
-/// Whether [`LEVEL`] masks the running exception: its hardware priority is numerically not below.
+/// Whether [`LEVEL`] masks the running exception: its hardware priority is [`LEVEL`] or a larger number.
 fn caller_is_masked() -> bool {
     match cortex_m::peripheral::SCB::vect_active() {
         VectActive::ThreadMode => true,

@@ -7,9 +7,9 @@
 //! | up 2    | replies, one line of text each  | 1024  | whole lines are dropped |
 //! | down 0  | commands, one line of text each | 256   | the host waits               |
 //!
-//! Nothing here waits for the host, whatever mode a debugger writes into a channel. Nothing is written or read if the
-//! control block names other buffers than at set-up. For a reply that finds no room on up 0 and up 2 see
-//! `console/reply_channel.rs`.
+//! No function here waits for the host, even if a debugger writes another mode into a channel. If the control block no
+//! longer names the buffers of set-up, nothing is read or written. `console/reply_channel.rs` handles a reply for which
+//! up 0 and up 2 have no room.
 
 use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init};
 use zwidth::contract;
@@ -18,7 +18,6 @@ use super::control_block::Buffer;
 
 pub use super::logger::dropped as log_dropped;
 
-/// What the link task owns.
 pub struct Channels {
     /// RTT's up channel 1.
     pub telemetry: UpLink,
@@ -28,7 +27,7 @@ pub struct Channels {
     pub commands: Commands,
 }
 
-/// A channel towards the host that drops what does not fit.
+/// A channel towards the host. It drops a message that does not fit.
 pub struct UpLink(UpChannel, Buffer);
 
 impl contract::UpChannel for UpLink {
@@ -41,7 +40,6 @@ impl contract::UpChannel for UpLink {
     }
 }
 
-/// The channel from the host.
 pub struct Commands(DownChannel, Buffer);
 
 impl contract::CommandChannel for Commands {

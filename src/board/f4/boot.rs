@@ -1,5 +1,5 @@
-//! What has to be there first: the chip that the image is for, and the 8 MHz that all clocks come from. If one is
-//! missing, the board says so and stays here, with all pins as after reset.
+//! First checks at boot: the right chip, and the 8 MHz that all clocks come from. If one is missing, the board reports
+//! it and stops here, with all pins as after reset.
 
 use stm32f4xx_hal::pac;
 use zwidth::contract::UpChannel as _;
@@ -11,11 +11,11 @@ const OTHER_CHIP: &[u8] =
 const NO_CLOCK: &[u8] =
     b"error: no 8 MHz clock, nothing runs: see the solder bridges in docs/wiring.md\n";
 
-/// How often the ready flag is read, at some eight cycles of the 16 MHz reset clock each: a tenth of a second. A
-/// crystal needs a few milliseconds (data sheets).
+/// Reads of the ready flag before the board gives up. They take a tenth of a second, at some eight cycles of the 16 MHz
+/// reset clock each. A crystal needs a few milliseconds (data sheets).
 const LOOKS: u32 = 200_000;
 
-/// The chip itself says what it is (`DEV_ID`; RM0390 33.6.1, RM0090 38.6.1).
+/// Compares the chip's own number (`DEV_ID`; RM0390 33.6.1, RM0090 38.6.1) with `expected`.
 pub fn expect_chip(dbgmcu: &pac::DBGMCU, expected: u32, replies: &mut UpLink) {
     let id = u32::from(dbgmcu.idcode().read().dev_id().bits());
     if id != expected {
@@ -24,7 +24,6 @@ pub fn expect_chip(dbgmcu: &pac::DBGMCU, expected: u32, replies: &mut UpLink) {
     }
 }
 
-/// Switches HSE on and waits until it is ready.
 pub fn expect_clock(rcc: &pac::RCC, external: bool, replies: &mut UpLink) {
     rcc.cr().modify(|_, w| w.hsebyp().bit(external));
     rcc.cr().modify(|_, w| w.hseon().set_bit());

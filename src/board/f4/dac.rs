@@ -1,7 +1,7 @@
-//! Force by DAC1 on PA4: 12 bits for 0 to 3.3 V, of which the buffer gives some 0.2 to 3.1 V; zero force in the middle.
+//! Force by DAC1 on PA4: 12 bits for 0 to 3.3 V. Its buffer gives some 0.2 to 3.1 V. Zero force is in the middle.
 //!
-//! Output impedance 15 kOhm with the buffer off; settling in at most 6 us (data sheet, 5 kOhm and 50 pF with the buffer
-//! on). A store changes the output 1 APB1 cycle later, without a preload.
+//! With the buffer off the output impedance is 15 kOhm. With the buffer on the output settles in at most 6 us (data
+//! sheet, 5 kOhm and 50 pF). A store changes the output 1 APB1 cycle later, without a preload.
 
 use stm32f4xx_hal::{
     dac::{C1, DacExt, DacOut, DacPin},
@@ -13,7 +13,6 @@ use zwidth::{contract::ForceOutput, self_test::Found, units::OutputCode};
 
 use super::{super::common::mask, f4::read_back};
 
-/// Code of zero force.
 pub const ZERO: u16 = 2048;
 
 pub struct Output(C1);
@@ -58,7 +57,7 @@ const ALLOWED: u32 = 40;
 
 /// Core cycles until the output has settled: 10 us.
 const SETTLE: u32 = 1800;
-/// Looks at the converter's flag: it takes some 2 us.
+/// Reads of the converter's flag before giving up. A conversion takes some 2 us.
 const LOOKS: u32 = 1000;
 
 /// Codes that the buffer surely reaches: 0.2 V from either end of 3.3 V (data sheet).
@@ -68,7 +67,7 @@ pub const SWING: [i32; 2] = [248, 3847];
 pub fn test() -> Found {
     let adc = read_back::output_sense();
     let read = |code: u32| {
-        // An output of `render` would put zero force in its place.
+        // Otherwise an output of `render` would overwrite the code with zero force.
         mask::with_lower_tasks_masked(|| {
             // SAFETY: a documented value; enable is off.
             unsafe { (*pac::DAC::ptr()).dhr12r1().write(|w| w.bits(code)) };

@@ -1,9 +1,9 @@
-//! What a debugger may do to the board, and how a halt of the core is found.
+//! Effects of a debugger on the board, and the detection of a halt of the core.
 //!
 //! While the core is halted, TIM1 switches its outputs off. TIM1 and the sampling timer stand still, so they stay in
 //! phase. The watchdog and TIM6 run on. The manuals say that the outputs are off "as if" MOE were reset. If MOE is only
-//! masked, the last force is back with the first instruction. Debuggers clear the core's own note of a halt (DFSR), so
-//! a halt is found by time that passed without samples.
+//! masked, the last force is back with the first instruction. Debuggers clear the core's own flag of a halt (DFSR). So
+//! a halt is found by the time that passes without samples.
 
 use stm32f4xx_hal::{
     pac,
@@ -14,8 +14,8 @@ use zwidth::{
     safety::{HaltWatch, RateWatch},
 };
 
-/// Stopped in a halt, on APB1: TIM5 (bit 3), and TIM3 (bit 1), which must stay in phase with TIM5 if it captures edges.
-/// Not TIM6 (bit 4), not the watchdog (bit 12).
+/// Timers of APB1 that stop in a halt: TIM5 (bit 3) and TIM3 (bit 1). TIM3 must stay in phase with TIM5 if it captures
+/// edges. TIM6 (bit 4) and the watchdog (bit 12) run on.
 const STOPPED_APB1: u32 = 1 << 3 | 1 << 1;
 /// The same on APB2: TIM1.
 const STOPPED_APB2: u32 = 1;
@@ -24,7 +24,7 @@ const STOPPED_APB2: u32 = 1;
 pub struct Halts {
     watch: HaltWatch,
     rate: RateWatch<{ HaltWatch::TICKS_PER_SAMPLE }>,
-    /// Clock and sample when the rate was last checked; next, whether a halt came since.
+    /// Clock and sample at the last check of the rate. The next field: whether a halt came since.
     looked: (u16, u64),
     halted: bool,
 }
@@ -76,8 +76,8 @@ impl DebugHalts for Halts {
     }
 }
 
-/// Sets what stops in a halt, with every output, because a debugger's scripts set other bits: OpenOCD's script for
-/// these chips also stops the watchdog.
+/// Sets the bits of the timers that stop in a halt. Called with every output, because a debugger's scripts set other
+/// bits. OpenOCD's script for these chips also stops the watchdog.
 #[inline(always)]
 fn stop_with_the_core() {
     // SAFETY: documented values of two registers that nothing else in this program writes.

@@ -1,8 +1,8 @@
 //! Times of the encoder's edges: TIM3 captures both edges of A on channel 1 and of B on channel 2.
 //!
-//! TIM3 has the clock and the input filter of TIM2, which counts the edges, so both see an edge with the same
-//! delay. TIM3's polarity does not matter: `encoder -` changes only TIM2, and an edge has the direction of the
-//! count.
+//! TIM3 has the clock and the input filter of TIM2, which counts the edges. So both see an edge with the same delay.
+//! TIM3's polarity does not matter: `encoder -` changes only TIM2, and the change of the count gives an edge its
+//! direction.
 
 use stm32f4xx_hal::{
     gpio::PushPull,
@@ -18,17 +18,17 @@ use super::f4::encoder::{EdgeTimes, FILTER};
 const INPUTS: u32 = 0b01 << 8 | 0b01 | FILTER << 12 | FILTER << 4;
 /// Both channels on, at both edges: `CCxE`, `CCxP`, `CCxNP`.
 const BOTH_EDGES: u32 = 0b1011 << 4 | 0b1011;
-/// A capture that was not read yet: in SR.
+/// Flags in SR: a capture that was not read yet.
 const CAPTURED: [u32; 2] = [1 << 1, 1 << 2];
 
-/// The capturing timer. `TICKS` per sample: as TIM2 and TIM5 it runs at half the core's clock.
+/// The capturing timer. `TICKS`: timer ticks per sample. Like TIM2 and TIM5, TIM3 runs at half the core's clock.
 pub struct Edges<const TICKS: u32> {
     timer: pac::TIM3,
     edges: EdgeTimer<TICKS>,
 }
 
 impl<const TICKS: u32> Edges<TICKS> {
-    /// Starts to capture. A and B are those that the encoder's counter has, on pins of TIM3.
+    /// Starts to capture. A and B are the signals of the encoder's counter, on pins of TIM3.
     pub fn new(
         timer: pac::TIM3,
         a: impl Into<<pac::TIM3 as CPin<0>>::Ch<PushPull>>,

@@ -3,16 +3,15 @@
 //! The line follows the timer's main output enable (MOE), so hardware alone can switch it off:
 //! * the break input, which the emergency stop opens, clears MOE without any code;
 //! * with `DBG_TIM1_STOP` the outputs are off while a debugger has the core halted (debugger.rs);
-//! * the output watchdog clears it when no output has come for a while (output_watchdog.rs);
-//! * one store clears it, from any task, the panic and the fault handlers.
+//! * the output watchdog clears MOE when no output has come for a while (output_watchdog.rs);
+//! * one store clears MOE, from any task, the panic and the fault handlers.
 //!
-//! While MOE is clear, TIM1 drives its outputs to their idle level, low: enable inactive and, on a board with
-//! PWM, no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the
-//! amplifier).
+//! While MOE is clear, TIM1 drives its outputs to their idle level, low. Enable is then inactive. On a board with PWM
+//! there is no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the amplifier).
 //!
-//! The first store to BDTR sets `LOCK` level 3 (RM0090 17.4.18, RM0390 16.4.18). It freezes break input, idle levels,
-//! polarities and output modes, but not MOE, counter, periods, compare values and the channels' enable bits. It comes
-//! after the board's file has set all of these; until then the timer drives no pin.
+//! The first store to BDTR sets `LOCK` level 3 (RM0090 17.4.18, RM0390 16.4.18). This level freezes break input, idle
+//! levels, polarities and output modes. It does not freeze MOE, counter, periods, compare values and the channels'
+//! enable bits. The store comes after the board's file has set everything up. Until then the timer drives no pin.
 
 use cortex_m::peripheral::DWT;
 use stm32f4xx_hal::{
@@ -21,14 +20,14 @@ use stm32f4xx_hal::{
 };
 use zwidth::contract;
 
-/// `LOCK` level 3; break input on, active high (a normally closed switch to ground: open is a stop), idle levels
-/// driven; MOE clear.
+/// `LOCK` level 3. Break input on, active high: a normally closed switch to ground, so open is a stop. Idle levels
+/// driven. MOE clear.
 pub(super) const OFF: u32 = 0b11 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13;
-/// The same with MOE set. While the break input is active the hardware clears it again.
+/// [`OFF`] with MOE set. While the break input is active the hardware clears it again.
 const ON: u32 = OFF | 1 << 15;
 
-/// Sets MOE for a moment, which an open emergency stop does not allow; returns the levels of `pin` during it and after
-/// it. Call it with the tasks masked and the force at zero.
+/// Sets MOE for a moment. Returns the levels of `pin` during it and after it. An open emergency stop keeps MOE clear.
+/// Call it with the tasks masked and the force at zero.
 pub(super) fn blink(pin: super::pin::BoardPin) -> (bool, bool) {
     // SAFETY: a documented value of the register.
     registers().bdtr().write(|w| unsafe { w.bits(ON) });
@@ -39,8 +38,8 @@ pub(super) fn blink(pin: super::pin::BoardPin) -> (bool, bool) {
     (on, pin.is_high())
 }
 
-/// Sets MOE and returns after how many core cycles hardware cleared it; none if not within `cycles`. Call it with the
-/// tasks masked and the force at zero. An open emergency stop clears it at once.
+/// Sets MOE and returns the core cycles until hardware clears it; `None` if MOE is still set after `cycles`. An open
+/// emergency stop clears MOE at once. Call it with the tasks masked and the force at zero.
 pub(super) fn drops_within(cycles: u32) -> Option<u32> {
     // SAFETY: a documented value of the register.
     registers().bdtr().write(|w| unsafe { w.bits(ON) });
@@ -58,7 +57,7 @@ pub(super) fn drops_within(cycles: u32) -> Option<u32> {
     dropped
 }
 
-/// The break input was active: a bit of SR that stays set until it is cleared.
+/// Flag in SR: the break input was active. It stays set until it is cleared.
 const BREAK: u32 = 1 << 7;
 
 /// TIM1's registers, for the few stores that must work from everywhere.

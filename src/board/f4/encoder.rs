@@ -10,11 +10,10 @@ use zwidth::{
 
 use super::set_up;
 
-/// `ICxF` = 3: a level counts after 8 equal samples at the timer clock, half the core's: 95 ns at 168 MHz. Shorter
+/// `ICxF` = 3: a new level counts after 8 equal samples at the timer clock (half the core's), 95 ns at 168 MHz. Shorter
 /// glitches do not count. A and B may each change up to ten million times a second.
 pub(in crate::board) const FILTER: u32 = 0b0011;
 
-/// Edge times beside the count.
 pub trait EdgeTimes {
     /// The latest edge in `count`, which was read from `counter` just now.
     fn latest(&mut self, count: u32, counter: &pac::TIM2) -> Option<Edge>;
@@ -35,7 +34,7 @@ pub struct Encoder<E = ()> {
 }
 
 impl<E> Encoder<E> {
-    /// At 0, and not counting yet.
+    /// A counter at 0 that does not count yet.
     pub fn new(
         timer: pac::TIM2,
         a: impl Into<<pac::TIM2 as CPin<0>>::Ch<PushPull>>,
@@ -72,7 +71,7 @@ impl<E: EdgeTimes> contract::Encoder for Encoder<E> {
         (count, Senses { edge: self.edges.latest(count, &self.timer), ..Senses::NONE })
     }
 
-    /// TI1's polarity (reference manual, TIMx_CCER, CC1P). The zero is lost.
+    /// Sets TI1's polarity (reference manual, TIMx_CCER, CC1P). The position's zero is lost.
     fn turn(reversed: bool) {
         // SAFETY: of this timer `sample` only reads the counter, and nothing else writes this register.
         let timer = unsafe { &*pac::TIM2::ptr() };

@@ -1,13 +1,13 @@
-//! How the program ends: a panic, a hard fault, a failed clock, an interrupt without a task, a changed image. All of
-//! these switch off, note the fault, and wait for the watchdog.
+//! The ends of the program: a panic, a hard fault, a failed clock, an interrupt without a task, a changed image. Each
+//! one switches off, notes the fault, and waits for the watchdog.
 
 use core::panic::PanicInfo;
 
 use cortex_m_rt::{ExceptionFrame, exception};
 use zwidth::safety::Fault;
 
-/// Switches off at once; then the watchdog resets the chip, after 34 to 94 ms. It does not log, because the logger may
-/// be what panicked.
+/// Switches off at once. The watchdog resets the chip 34 to 94 ms later. Nothing is logged, because the logger itself
+/// may have panicked.
 #[panic_handler]
 fn panic(_: &PanicInfo) -> ! {
     end(Fault::Panic)
@@ -19,15 +19,15 @@ unsafe fn HardFault(_: &ExceptionFrame) -> ! {
     end(Fault::HardFault)
 }
 
-/// The clock security system has found that the HSE stopped. Without this handler the timers would stand still with
-/// enable active and the last force on. The system also drives TIM1's break input (reference manuals).
+/// The clock security system has found that the HSE stopped. Without this handler the timers would stop, with enable
+/// active and the last force on. The system also drives TIM1's break input (reference manuals).
 // SAFETY: as HardFault.
 #[exception]
 unsafe fn NonMaskableInt() -> ! {
     end(Fault::ClockFailure)
 }
 
-/// An exception that nothing is bound to: a flipped bit in the NVIC, or in the vector table's address.
+/// An exception without a task: a flipped bit in the NVIC, or in the vector table's address.
 // SAFETY: as HardFault.
 #[exception]
 unsafe fn DefaultHandler(_: i16) -> ! {

@@ -1,4 +1,4 @@
-//! Backup RAM keeps the first fault over a reset. It does not over a loss of power, because its regulator stays off.
+//! Backup RAM keeps the first fault over a reset, but not over a loss of power, because its regulator stays off.
 
 use core::ptr;
 
@@ -13,7 +13,6 @@ use super::supply::Supply;
 /// The backup RAM, 4 KiB.
 const ADDRESS: *mut [u32; FaultRecord::WORDS] = ptr::without_provenance_mut(0x4002_4000);
 
-/// The place of one fault record.
 pub struct FaultMemory(());
 
 impl FaultMemory {
@@ -46,7 +45,7 @@ fn write(words: &[u32; FaultRecord::WORDS]) {
     unsafe { ptr::write_volatile(ADDRESS, *words) }
 }
 
-/// For the panic and fault handlers: if the force was on, this fault ended it.
+/// Notes a fault from the panic and fault handlers. If the force was on, the record then says that this fault ended it.
 pub(in crate::board) fn note(fault: Fault) {
     let record = match FaultRecord::from_words(&read()) {
         Some(record) if record.fault == Fault::ResetWhileArmed => record.renamed(fault),

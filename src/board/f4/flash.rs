@@ -1,8 +1,8 @@
 //! Flash sectors 1 and 2, 16 KiB each, for the settings records of [`zwidth::store`].
 //!
-//! The core stalls while flash is erased or programmed (16 us a word, up to 0.5 s an erase by words). So this is done only with
-//! the force off, and the watchdog gets more time. The HAL's driver is not used, because it panics where this one
-//! returns an error.
+//! The core stalls while flash is programmed (16 us a word) or erased (up to 0.5 s, by words). So both happen only with
+//! the force off, and the watchdog gets more time. The HAL's driver is not used: it panics where this driver returns an
+//! error.
 
 use core::ptr;
 
@@ -31,7 +31,8 @@ const BSY: u32 = 1 << 16;
 
 pub struct SettingsFlash(pac::FLASH);
 
-/// The word at an offset from the beginning of sector 1; [`check_read`] or a similar check has accepted the offset.
+/// The word at an offset from the beginning of sector 1. [`check_read`] or a similar check must have accepted the
+/// offset.
 fn word_at(offset: u32) -> *mut u32 {
     ptr::with_exposed_provenance_mut(FLASH + SECTOR_BYTES + offset as usize)
 }
@@ -67,7 +68,7 @@ impl SettingsFlash {
             // SAFETY: a documented value.
             unsafe { flash.cr().write(|w| w.bits(PSIZE_32 | mode | STRT)) };
         });
-        // The caches may hold what was erased: reset them while they are off.
+        // The caches may hold erased data: reset them while they are off.
         let flash = &self.0;
         flash.acr().modify(|_, w| w.dcen().clear_bit().icen().clear_bit());
         flash.acr().modify(|_, w| w.dcrst().set_bit().icrst().set_bit());
@@ -104,7 +105,7 @@ impl NorFlash for SettingsFlash {
     const WRITE_SIZE: usize = WORD_BYTES;
     const ERASE_SIZE: usize = SECTOR_BYTES;
 
-    /// Word by word; the watchdog's time starts again with each.
+    /// Writes word by word; each word restarts the watchdog's time.
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
         check_write(self, offset, bytes.len())?;
         let (words, _) = bytes.as_chunks::<WORD_BYTES>();

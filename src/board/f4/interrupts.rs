@@ -3,7 +3,7 @@
 use cortex_m::peripheral::scb::SystemHandler;
 use stm32f4xx_hal::pac::Interrupt;
 
-/// Bound to a task in src/main.rs, which gives them their priorities.
+/// Interrupts that src/main.rs binds to tasks. It gives them their priorities.
 const TASKS: [Interrupt; 4] = [Interrupt::TIM5, Interrupt::SPI3, Interrupt::PVD, Interrupt::SPI2];
 
 /// The lowest of the 16 priorities.
@@ -12,7 +12,7 @@ const LOWEST: u8 = 0xF0;
 /// Interrupts that the larger of these chips has.
 const COUNT: usize = 97;
 
-/// Gives all others the lowest priority, and the system handlers too, below the fault handlers. They end in
+/// Gives all other interrupts and the system handlers the lowest priority, below the fault handlers. They end in
 /// `DefaultHandler` (fatal.rs).
 pub fn set_up(core: &mut cortex_m::Peripherals) {
     for number in 0..COUNT {

@@ -1,8 +1,10 @@
-//! Boards with an STM32F4: the peripherals, one file each, and everything that such boards have in common.
+//! Boards with an STM32F4: one file for each peripheral, and everything that such boards have in common.
 //!
-//! Boards include the force output that they have (`dac.rs` or `pwm.rs`), and `edges.rs` if they have edge times. The
-//! peripherals are fixed: encoder on TIM2, samples by TIM5, enable on TIM1_CH3, emergency stop on TIM1_BKIN, halts by
-//! TIM6, the output watchdog on TIM8 and DMA2.
+//! A board includes its force output (`dac.rs` or `pwm.rs`), and `edges.rs` if it has edge times. The peripherals are
+//! fixed:
+//! * TIM2: encoder; TIM5: samples; TIM6: halts;
+//! * TIM1_CH1: enable; TIM1_BKIN: emergency stop;
+//! * TIM8 and DMA2: output watchdog.
 
 mod boot;
 pub mod debugger;
@@ -40,7 +42,7 @@ use zwidth::{
 
 use super::super::{common::rtt, off};
 
-/// What differs from board to board.
+/// Values and parts that differ from board to board.
 pub trait Wiring: Sized {
     const NAME: &'static str;
     /// Core clock, Hz. The timers of APB1 run at half of it.
@@ -50,7 +52,7 @@ pub trait Wiring: Sized {
     const OUTPUT: Output;
     const ENABLE: pin::BoardPin;
     const STOP: pin::BoardPin;
-    /// What distinguishes the chip from others (`DEV_ID` of DBGMCU_IDCODE).
+    /// Number that distinguishes the chip from others (`DEV_ID` of DBGMCU_IDCODE).
     const CHIP: u32;
     /// Level of the brown-out reset for the board's supply (`BOR_LEV` of the option bytes).
     const BROWN_OUT_RESET: u32;
@@ -63,13 +65,12 @@ pub trait Wiring: Sized {
     type Encoder: Encoder;
     type StopInput: InputPin;
 
-    /// Sets the force output to values and reads them back, with enable off.
+    /// Sets the force output to several values and reads them back, with enable off.
     fn test_output() -> Found;
 
     fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<F4<Self>>;
 }
 
-/// A board with an STM32F4.
 pub struct F4<W>(PhantomData<W>);
 
 impl<W: Wiring> Board for F4<W> {
@@ -101,7 +102,7 @@ impl<W: Wiring> Board for F4<W> {
         W::take(device, core)
     }
 
-    // The interrupts that src/main.rs binds `render` and `link` to: two that are free.
+    // src/main.rs binds `render` and `link` to these two free interrupts.
     #[inline(always)]
     fn request_render() {
         rtic::pend(Interrupt::SPI3);
@@ -160,8 +161,9 @@ pub struct Peripherals {
 }
 
 impl Chip {
-    /// Starts the clock that `clock` names, with RTT before it. With another chip, or without the 8 MHz from a crystal
-    /// or from another chip (`external`), the board says so and stays here with all outputs off.
+    /// Starts RTT, then the clock that `clock` describes. The 8 MHz come from a crystal, or from another chip
+    /// (`external`). If they are missing, or if the chip is a wrong one, the board reports it and stops here with all
+    /// outputs off.
     pub fn start<W: Wiring>(
         rcc: pac::RCC,
         clock: Config,
@@ -190,7 +192,8 @@ impl Chip {
         let Self { mut rcc, enable, reset_cause, link } = self;
         let Peripherals { tim5, tim6, tim8, dma2, pwr, exti, flash, iwdg } = rest;
         let Wires { force, encoder, stop } = wires;
-        // What the clock tree gives, not what the board's file says; and a whole number of ticks per sample.
+        // A sample must be a whole number of ticks. The timers' clock below comes from the clock tree, not from the
+        // board's file.
         const {
             assert!(
                 (W::CORE_HZ / 2).is_multiple_of(RATE_HZ),
@@ -198,7 +201,7 @@ impl Chip {
             )
         };
         let timer_hz = rcc.clocks.timclk1().raw();
-        // TIM1 is set up: from here on it is locked, and drives its pins low.
+        // TIM1 is set up. This store locks it, and TIM1 drives its pins low.
         off();
         let output_watchdog = output_watchdog::OutputWatchdog::new(tim8, &dma2, &mut rcc);
         let supply = supply::Supply::new(pwr, &exti, W::SUPPLY_LEVEL, &mut rcc);

@@ -1,9 +1,8 @@
 //! The output watchdog: enable stays active only while outputs come.
 //!
-//! TIM8 counts microseconds from the last output. At [`OUTPUT_WATCHDOG_US`] its update event requests a transfer
-//! from DMA2 (stream 1, channel 7: TIM8_UP, RM0090 table 43, RM0390 9.3.3). DMA2 stores the word of `off` into
-//! TIM1's BDTR. Then MOE is clear, and only `arm` sets it again. This needs neither the core nor an interrupt nor a
-//! pin:
+//! TIM8 counts microseconds from the last output. At [`OUTPUT_WATCHDOG_US`] its update event requests a transfer from
+//! DMA2 (stream 1, channel 7: TIM8_UP, RM0090 table 43, RM0390 9.3.3). DMA2 stores the word of `off` into TIM1's BDTR.
+//! Then MOE is clear, and only `arm` sets it again. This needs neither the core nor an interrupt nor a pin:
 //!
 //! ```text
 //! outputs    | | | | |                                      (1 ms)
@@ -12,9 +11,9 @@
 //! ```
 //!
 //! The stream is circular with one item, so each further update stores the same word. In direct mode (FCR as reset) the
-//! word is fetched ahead of its request. DMA1 cannot do this: its peripheral port reaches only APB1, and TIM1 is on
-//! APB2 (RM0090 2.1, figure 1). In a debugger's halt TIM8 and DMA2 run on (debugger.rs), so a halt that is longer than
-//! this time ends the force for good.
+//! word is fetched before its request. DMA1 cannot do this: its peripheral port reaches only APB1, and TIM1 is on APB2
+//! (RM0090 2.1, figure 1). In a debugger's halt TIM8 and DMA2 run on (debugger.rs). So a halt that is longer than this
+//! time ends the force for good.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -30,28 +29,27 @@ use zwidth::{
 
 use super::enable;
 
-/// What is stored. In RAM, which DMA2 reaches on all these chips; never written.
+/// The word that DMA2 stores. It is in RAM, which DMA2 reaches on all these chips. Nothing writes it.
 static OFF: AtomicU32 = AtomicU32::new(enable::OFF);
 
 /// The timer's clock after its prescaler, Hz.
 const TICK_HZ: u32 = 1_000_000;
 const _: () = assert!(OUTPUT_WATCHDOG_US < 1 << 16, "TIM8 has 16 bits");
 
-/// CR1: counts; only an overflow is an update request (`URS`), not the event that loads the prescaler.
+/// CR1: the timer counts. Only an overflow requests an update (`URS`). The event that loads the prescaler does not.
 const RUNNING: u32 = 1 << 2 | 1;
 /// DIER: the update event requests a transfer (`UDE`), and no interrupt.
 const REQUESTS: u32 = 1 << 8;
-/// The stream: channel 7, very high priority, words on both sides, the same one each time, for ever, memory to
-/// peripheral.
+/// The stream: channel 7, very high priority, words on both sides, fixed addresses, circular, memory to peripheral.
 const STREAM: u32 = 7 << 25 | 0b11 << 16 | 0b10 << 13 | 0b10 << 11 | 1 << 8 | 0b01 << 6;
 /// Number of the DMA stream.
 const NUMBER: usize = 1;
 
-/// SR: it has overflown (`UIF`).
+/// Flag in SR (`UIF`): the timer has overflown.
 const OVERFLOWN: u32 = 1;
 
-/// TIM8, counting. It has the clock of APB2, and the sample timer that of APB1. If a divider of only one bus changes,
-/// or if the count stands still, the rate is found wrong.
+/// TIM8, counting at the clock of APB2. The sample timer has the clock of APB1. So `rate_is_wrong` finds a changed
+/// divider of one bus, and a count that stands still.
 pub struct OutputWatchdog {
     timer: pac::TIM8,
     rate: RateWatch<{ TICK_HZ / RATE_HZ }>,
@@ -60,7 +58,7 @@ pub struct OutputWatchdog {
 }
 
 impl OutputWatchdog {
-    /// Runs from now on. BDTR of TIM1 must be as `off` leaves it.
+    /// A watchdog that runs from now on. BDTR of TIM1 must be as `off` leaves it.
     pub fn new(timer: pac::TIM8, dma: &pac::DMA2, rcc: &mut Rcc) -> Self {
         pac::DMA2::enable(rcc);
         pac::DMA2::reset(rcc);
@@ -86,7 +84,7 @@ impl OutputWatchdog {
     }
 }
 
-/// As an output does.
+/// Restarts the count, as each output does.
 #[inline(always)]
 pub(super) fn begin_anew() {
     // SAFETY: the address is TIM8's; any 16-bit value is a count, and nothing else writes it.

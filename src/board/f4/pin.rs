@@ -1,8 +1,7 @@
-//! A pin by its port, whatever drives it: its level, and a way to hold it low.
+//! Access to a pin by its port, whichever peripheral drives it: reads its level, or holds it low.
 
 use core::ptr;
 
-/// Port and number of a pin.
 #[derive(Clone, Copy)]
 pub struct BoardPin {
     /// Address of the port.
@@ -20,7 +19,7 @@ const INPUT: u32 = 0x10;
 const SET_CLEAR: u32 = 0x18;
 
 impl BoardPin {
-    /// As the data sheet names it.
+    /// The pin with the data sheet's name: port letter and number.
     pub const fn new(port: char, number: u32) -> Self {
         Self { port: GPIOA + PORT_BYTES * (port as u32 - 'A' as u32), number }
     }
@@ -35,7 +34,7 @@ impl BoardPin {
         self.read(INPUT) >> self.number & 1 != 0
     }
 
-    /// Drives it low by its port, whatever its mode was.
+    /// Drives the pin low by its port, whatever its mode was.
     #[cold]
     pub fn hold_low(self) {
         let Self { port, number } = self;

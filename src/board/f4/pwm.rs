@@ -1,9 +1,9 @@
 //! Force by sign-magnitude PWM of TIM1: the magnitude on channel 1, the sign on channel 2.
 //!
-//! 40 kHz: four periods per sample, in phase with the sampling timer and [`LEAD_CYCLES`] behind it. Both compare
-//! registers are preloaded, and the sign is itself a PWM of 0 or 100 %. So a command acts as a whole with the next PWM
-//! period (no update comes between its two stores). If it is written within [`LEAD_CYCLES`] of its sample, it acts that
-//! long after the sample, else 25 us later.
+//! The PWM runs at 40 kHz: four periods per sample, in phase with the sampling timer and [`LEAD_CYCLES`] behind it.
+//! Both compare registers are preloaded. The sign is itself a PWM of 0 or 100 %. No update comes between the two stores
+//! of a command, so the whole command acts with the next PWM period. A command that is written within [`LEAD_CYCLES`]
+//! of its sample acts [`LEAD_CYCLES`] after the sample. A later command acts 25 us later.
 
 use stm32f4xx_hal::{gpio::PushPull, pac, timer::CPin};
 use zwidth::{contract::ForceOutput, self_test::Found, units::OutputCode};
@@ -25,8 +25,8 @@ const UPDATE_DISABLE: u32 = 1 << 1;
 pub struct Output(());
 
 impl Output {
-    /// PWM of zero force with `steps` timer ticks per period. TIM1 must have its clock; it does
-    /// not run yet. A period has to be longer than [`LEAD_CYCLES`], see `start`.
+    /// PWM of zero force with `steps` timer ticks per period. TIM1 must have its clock, and does not run yet. A period
+    /// must be longer than [`LEAD_CYCLES`], see `start`.
     pub fn new(
         magnitude: impl Into<<pac::TIM1 as CPin<0>>::Ch<PushPull>>,
         sign: impl Into<<pac::TIM1 as CPin<1>>::Ch<PushPull>>,
@@ -48,14 +48,14 @@ impl Output {
 }
 
 impl ForceOutput for Output {
-    /// Acts from the next PWM period on; the core has clamped the code to +-steps.
+    /// Acts from the next PWM period on. The core has clamped the code to +-steps.
     #[inline(always)]
     fn write(&mut self, command: OutputCode, mirrored: bool) {
         let code = command.code();
         let sign = if (code < 0) != mirrored { u32::from(u16::MAX) } else { 0 };
         let cr1 = enable::registers().cr1();
-        // No update between the two stores: for one period it would give the new magnitude the old sign. An update that
-        // falls between them is skipped. SAFETY: documented values.
+        // An update between the two stores would give the new magnitude the old sign for one period. So such an update
+        // is skipped. SAFETY: documented values.
         unsafe {
             cr1.write(|w| w.bits(RUNNING | UPDATE_DISABLE));
             set(code.unsigned_abs(), sign);
@@ -94,13 +94,13 @@ fn set(magnitude: u32, sign: u32) {
 
 /// The pins of magnitude and sign.
 const PINS: [BoardPin; 2] = [BoardPin::new('E', 9), BoardPin::new('E', 11)];
-/// Steps from code to code.
+/// Distance between two tested codes.
 const STEP: usize = 600;
 
-/// Compare values read back, with enable off; if a pin does not stay low, the reading is all ones.
+/// Reads the compare values back, with enable off. If a pin does not stay low, the reading is all ones.
 pub fn test() -> Found {
     let read = |code: u32| {
-        // An output of `render` would put zero force in its place.
+        // Otherwise an output of `render` would overwrite the code with zero force.
         mask::with_lower_tasks_masked(|| {
             set(code, code);
             let tim1 = enable::registers();

@@ -1,8 +1,8 @@
 //! ADC1 reads the DAC's pin (PA4, ADC12_IN4), ADC2 the amplifier's voltage for its current (PB0, ADC12_IN8).
 //!
-//! The program begins one conversion at a time (RM0390 13.3.4 and 13.13.3; RM0090 13.3.4 and 13.13.3): 28 cycles of
-//! sampling and 12 of conversion at 22.5 or 21 MHz, some 1.8 us. Reading the data clears the flag of its end, so a
-//! converter that stands still gives no answer.
+//! The program starts one conversion at a time (RM0390 13.3.4 and 13.13.3; RM0090 13.3.4 and 13.13.3). It takes 28
+//! cycles of sampling and 12 of conversion at 22.5 or 21 MHz, some 1.8 us. Reading the data clears the flag of the end,
+//! so a converter that stands still gives no answer.
 
 use core::marker::PhantomData;
 
@@ -19,7 +19,6 @@ const DONE: u32 = 1 << 1;
 /// 28 cycles of sampling, three bits per channel.
 const SAMPLING: u32 = 0b010;
 
-/// Both converters, ADC1 and ADC2.
 pub struct Converters<W>(PhantomData<W>);
 
 /// ADC2, which has the registers of ADC1.
@@ -37,7 +36,7 @@ pub fn output_sense() -> &'static pac::adc1::RegisterBlock {
 }
 
 impl<W: Wiring> Converters<W> {
-    /// Both on, with their clock a quarter of APB2's; ADC1 where the force output can be read.
+    /// Switches ADC2 on, and ADC1 if the force output can be read. Their clock is a quarter of APB2's.
     pub fn new(rcc: &mut Rcc) -> Self {
         rcc.apb2enr().modify(|_, w| w.adc1en().set_bit().adc2en().set_bit());
         // SAFETY: documented values: the clock's divider; one conversion of channel 4 and of channel 8; on.
@@ -70,7 +69,7 @@ pub fn begin(adc: &pac::adc1::RegisterBlock) {
     adc.cr2().write(|w| unsafe { w.bits(BEGIN) });
 }
 
-/// What was read, if it is there.
+/// The reading, if the conversion has ended.
 #[inline(always)]
 pub fn answer(adc: &pac::adc1::RegisterBlock) -> Option<u16> {
     let done = adc.sr().read().bits() & DONE != 0;

@@ -1,4 +1,4 @@
-//! The clock of the control: TIM5 asks for a sample at exactly equal distances.
+//! The clock of the control: TIM5 requests samples at exactly equal intervals.
 
 use stm32f4xx_hal::{
     pac,

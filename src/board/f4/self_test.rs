@@ -1,5 +1,5 @@
-//! What the chip and its board find out about themselves. The force is off, and nothing can arm meanwhile: the console
-//! asks part by part, and only the console gives orders.
+//! The self-test of chip and board. The force is off. Nothing can arm meanwhile, because only the console gives orders,
+//! and it starts the parts one by one.
 //!
 //! | part | how | manual |
 //! |---|---|---|
@@ -37,14 +37,14 @@ pub(super) fn note_reading(ticks: u32) {
     READ_AT.store(ticks, Relaxed);
 }
 
-/// How long the output watchdog is waited for.
+/// Longest wait for the output watchdog, us.
 const LONGEST_US: u32 = OUTPUT_WATCHDOG_US * 3 / 2;
 
 /// The two pins of the wires: A, B.
 const WIRES: [u32; 2] = [6, 8];
 
-/// What it needs is switched on at set-up and stays on, because the peripherals' clocks are compared with every output.
-/// It uses the converter of `read_back.rs`.
+/// The self-test's peripherals are switched on at set-up and stay on, because their clock gates are compared with every
+/// output. It uses the converter of `read_back.rs`.
 pub struct SelfTest<W>(PhantomData<W>);
 
 impl<W: Wiring> SelfTest<W> {
@@ -57,8 +57,8 @@ impl<W: Wiring> SelfTest<W> {
 
 impl<W: Wiring> contract::SelfTest for SelfTest<W> {
     fn test(&mut self, part: Part) -> Found {
-        // At output period 1 the parts follow each other without a pause. Together they take as long as the watchdog
-        // waits.
+        // At output period 1 the parts follow each other without a pause, and together take as long as the watchdog's
+        // time. So each part restarts it.
         watchdog::renew();
         match part {
             Part::Chip => {
@@ -82,7 +82,7 @@ impl<W: Wiring> contract::SelfTest for SelfTest<W> {
     }
 }
 
-/// Where the image may be, and its stack.
+/// Addresses where the image may be. The next line: addresses where its stack may be.
 const FLASH: core::ops::Range<u32> = 0x0800_0000..0x0808_0000;
 const RAM: core::ops::RangeInclusive<u32> = 0x2000_0000..=0x2002_0000;
 
@@ -111,7 +111,7 @@ fn enabled(pin: BoardPin, stop_closed: fn() -> bool) -> Found {
     })
 }
 
-/// How long enable stays on when no output comes; `render` is masked, and the force zero.
+/// Measures how long enable stays on without an output. `render` is masked, and the force is zero.
 fn without_outputs(core_hz: u32, stop_closed: fn() -> bool) -> Found {
     let mhz = core_hz / 1_000_000;
     mask::with_lower_tasks_masked(|| {
@@ -122,10 +122,10 @@ fn without_outputs(core_hz: u32, stop_closed: fn() -> bool) -> Found {
     })
 }
 
-/// Core cycles, with those of the loop 22 to 30: more than the input filter's 16.
+/// Core cycles of the wait between edges. With the loop they are 22 to 30, more than the input filter's 16.
 const BETWEEN_EDGES: u32 = 6;
 
-/// Edges of A and B in turn, each a fifth of a microsecond after the last; an interrupt may make that longer.
+/// Counts edges of A and B in turn. They are a fifth of a microsecond apart, or more after an interrupt.
 fn counted(core_hz: u32) -> Found {
     // SAFETY: the addresses are GPIOC's, of which only this uses two pins, and TIM2's, of which this reads the count.
     let (port, counter) = unsafe { (&*pac::GPIOC::ptr(), &*pac::TIM2::ptr()) };
@@ -163,7 +163,7 @@ fn counted(core_hz: u32) -> Found {
     Found::Encoder { sent: EDGES, there, back, rate_hz, least_hz: 0 }
 }
 
-/// Reads what `sample` notes, until there are enough readings.
+/// Collects the counts that `sample` notes, until there are enough.
 fn delays(core_hz: u32) -> Found {
     let mut times = [0; Delays::SAMPLES];
     let mut taken = 0;
@@ -187,7 +187,8 @@ const FROM_LSI: u32 = 0b01 << 6;
 /// Edges that are measured.
 const PERIODS: u32 = 32;
 
-/// By the timer of the samples. A late capture makes a distance longer, never shorter, so the shortest one counts.
+/// Frequency of LSI, measured by the sample timer. A late capture makes a distance longer, never shorter, so the
+/// shortest one counts.
 fn oscillator_hz(timer_hz: u32) -> u32 {
     // SAFETY: the address is TIM5's.
     let timer = unsafe { &*pac::TIM5::ptr() };

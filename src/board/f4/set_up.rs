@@ -1,9 +1,9 @@
-//! The registers that decide whether, when and which force acts, read back with every output.
+//! Reads back, with every output, the registers that decide whether a force acts, when it acts and which force it is.
 //!
-//! All that the program sets up once and must not change afterwards, folded into one word: a flipped bit in any of
-//! these registers changes the word. What changes while the program runs is masked out, or is written with every
-//! output (compare values, the DAC's code, the converters' CR2, DBGMCU). The clock gates of the peripherals are
-//! included.
+//! The program sets these registers up once and must not change them later. They are folded into one word, which a
+//! flipped bit in any of them changes. Bits that change while the program runs are masked out. Registers that the
+//! program writes with every output are not included: compare values, the DAC's code, the converters' CR2, DBGMCU. The
+//! clock gates of the peripherals are included.
 
 use core::{
     ptr,
@@ -41,20 +41,20 @@ const NVIC: u32 = 0xE000_E100;
 /// In TIM2's CCER: the direction (CC1P).
 const DIRECTION: u32 = 1 << 1;
 
-/// Folds registers into a sum: a base, and offsets, of which all bits count or those of a mask. It is written out,
-/// because a loop over a table takes three times as long.
+/// Folds registers into a sum. Each line has a base and offsets. All bits of a register count, or the bits of a mask.
+/// It is written out, because a loop over a table takes three times as long.
 macro_rules! fold {
     ($sum:ident, $($base:expr => [$($offset:literal $(& $bits:expr)?),+];)+) => {
         $($($sum = $sum.rotate_left(1) ^ (read($base + $offset) $(& $bits)?);)+)+
     };
 }
 
-/// All these registers in one word.
+/// All these registers, folded into one word.
 #[inline(always)]
 fn sum() -> u32 {
     let mut sum = 0u32;
-    // Clocks: HSE, its bypass, its security system, the PLL; what divides, also for the timers (TIMPRE in DCKCFGR, which
-    // the F407 has not); what is on, awake and asleep.
+    // Clocks: HSE, its bypass, its security system, the PLL; the dividers, also of the timers (TIMPRE in DCKCFGR, not
+    // on the F407); the clock gates, awake and asleep.
     fold! { sum,
         RCC => [0x00 & (1 << 16 | 1 << 18 | 1 << 19 | 1 << 24), 0x04, 0x08, 0x30, 0x40, 0x44, 0x50, 0x60, 0x64, 0x8C];
     }
@@ -75,7 +75,7 @@ fn sum() -> u32 {
         TIM1 => [0x00, 0x04, 0x08, 0x18, 0x1C, 0x20, 0x28, 0x2C, 0x30, 0x44 & (!(1 << 15))];
         DAC => [0x00];
     }
-    // Converters, 1 and 2: CR1, SMPR2, SQR1, SQR3; what they share: CCR.
+    // Converters 1 and 2: CR1, SMPR2, SQR1, SQR3. Shared by both: CCR.
     fold! { sum,
         ADC => [0x04, 0x10, 0x2C, 0x34];
         ADC + 0x100 => [0x04, 0x10, 0x2C, 0x34, 0x204];
@@ -84,14 +84,14 @@ fn sum() -> u32 {
     fold! { sum,
         TIM2 => [0x00 & (!(1 << 4)), 0x04, 0x08, 0x18, 0x20 & !DIRECTION, 0x28, 0x2C];
     }
-    // Samples, the clock beside them, the output watchdog: CR1, CR2, SMCR, DIER, PSC, ARR, RCR.
+    // Sample timer, TIM6, output watchdog: CR1, CR2, SMCR, DIER, PSC, ARR, RCR.
     fold! { sum,
         TIM5 => [0x00, 0x08, 0x0C, 0x28, 0x2C];
         TIM6 => [0x00, 0x28, 0x2C];
         TIM8 => [0x00, 0x04, 0x08, 0x0C, 0x28, 0x2C, 0x30];
     }
-    // Its stream: CR, NDTR (one item in a circle, so always 1), PAR, M0AR, FCR without the level of its FIFO; its
-    // errors in LISR (DMEIF1, TEIF1), after which it stores nothing.
+    // The output watchdog's stream: CR, NDTR (always 1, one item in a circle), PAR, M0AR, FCR without the FIFO's level.
+    // Its errors in LISR (DMEIF1, TEIF1), after which it stores nothing.
     fold! { sum,
         DMA2_STREAM1 => [0x00, 0x04, 0x08, 0x0C, 0x14 & (!(0b111 << 3))];
         DMA2 => [0x00 & (0b11 << 8)];
@@ -111,7 +111,8 @@ fn sum() -> u32 {
 pub struct SetUp {
     expected: Option<u32>,
     channels: Option<u32>,
-    /// They were wrong once. The sum alone does not say so: the change of enable's pin can hide another one.
+    /// The registers were wrong once. The sum alone does not show it, because the change of enable's pin can hide
+    /// another change.
     were_wrong: bool,
     enable: BoardPin,
 }
@@ -141,7 +142,8 @@ impl contract::SetUp for SetUp {
         let sum = sum();
         let turned = read(TIM2 + 0x20) & DIRECTION != 0;
         let direction = turned == ENCODER_TURNED.load(Relaxed);
-        // Only the logger masks, and this task cannot run during that. A mask that stays set keeps `link` from running.
+        // Only the logger masks interrupts, and this task cannot run meanwhile. A mask that stays set keeps `link` from
+        // running.
         let unmasked = basepri::read() == 0;
         let whole = *self.expected.get_or_insert(sum) == sum;
         whole && direction && unmasked && output_watchdog::stores_off()
@@ -149,7 +151,8 @@ impl contract::SetUp for SetUp {
 
     #[cold]
     fn hold_enable_low(&mut self) {
-        // In place of a look at each output: no sum is this one any more.
+        // Changes the expected sums, so that no sum is right any more. This saves a check of `were_wrong` at each
+        // output.
         if !self.were_wrong {
             self.were_wrong = true;
             self.expected = self.expected.map(|sum| !sum);

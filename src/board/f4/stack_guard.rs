@@ -9,13 +9,13 @@ const BYTES: u32 = 256;
 
 /// No access, no code; 2^(7 + 1) bytes; on (ARMv7-M, MPU_RASR).
 const REGION: u32 = 1 << 28 | 7 << 1 | 1;
-/// The region's address is valid, and it is region 0.
+/// The register takes over the region's address, for region 0.
 const VALID: u32 = 1 << 4;
-/// Unit on; everything else is as without it; off in the hard fault handler.
+/// Unit on. The default map holds elsewhere. Off in the hard fault handler.
 const CONTROL: u32 = 1 << 2 | 1;
 
 unsafe extern "C" {
-    /// Ends the statics (cortex-m-rt).
+    /// End of the statics (cortex-m-rt).
     static __sheap: u8;
 }
 

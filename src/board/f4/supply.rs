@@ -1,7 +1,7 @@
-//! The supply supervisor: the programmable voltage detector (PVD), its level chosen by the board.
+//! The supply supervisor: the programmable voltage detector (PVD), at a level that the board chooses.
 //!
-//! Its output pends an interrupt (EXTI line 16), which switches off at once and remembers it. Between two outputs the
-//! supply may fall below what the flash needs, or fall and recover.
+//! The detector pends an interrupt (EXTI line 16). Its handler switches off at once and notes the drop. Between two
+//! outputs the supply may fall below the voltage that the flash needs, or fall and recover.
 
 use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
@@ -11,7 +11,7 @@ use stm32f4xx_hal::{
 };
 use zwidth::contract;
 
-/// The detector found the supply low since it was last asked.
+/// The detector has found the supply low since the last call of `is_low`.
 static DROPPED: AtomicBool = AtomicBool::new(false);
 
 /// EXTI's line of the detector.

@@ -6,9 +6,9 @@
 use stm32f4xx_hal::pac;
 use zwidth::contract;
 
-/// Time without feeding until the reset, nominal; 34 to 94 ms over the oscillator's spread.
+/// Time without feeding until the reset, nominal. With the oscillator's spread it is 34 to 94 ms.
 const TIMEOUT_MS: u16 = 50;
-/// The same around an erase of a settings sector, which stalls the core for up to 0.5 s.
+/// The same for an erase of a settings sector, which stalls the core for up to 0.5 s.
 const PATIENT_MS: u16 = 2_000;
 
 /// Prescaler 32 of the 32 kHz clock: a tick is 1 ms.
@@ -19,11 +19,11 @@ pub struct Watchdog(());
 
 fn registers() -> &'static pac::iwdg::RegisterBlock {
     // SAFETY: the address is the watchdog's. Each use is a sequence of stores that the key register protects. If two
-    // tasks use it at once, both only want the counter reloaded.
+    // tasks use the watchdog at once, both only reload its counter.
     unsafe { &*pac::IWDG::ptr() }
 }
 
-/// Sets the time until the reset; the chip takes it over within 6 of its own ticks, 0.2 ms.
+/// Sets the time until the reset. The chip takes it over within 6 of its own ticks, 0.2 ms.
 fn set_timeout(ms: u16) {
     let iwdg = registers();
     // SAFETY: documented keys and values.
@@ -37,7 +37,7 @@ fn set_timeout(ms: u16) {
 }
 
 impl Watchdog {
-    /// Starts it; nothing but a reset stops it.
+    /// Starts the watchdog. Only a reset stops it.
     pub fn start(_: pac::IWDG) -> Self {
         // SAFETY: a documented key; it also starts the watchdog's clock.
         registers().kr().write(|w| unsafe { w.bits(0xCCCC) });
@@ -49,7 +49,7 @@ impl Watchdog {
 impl contract::Watchdog for Watchdog {
     fn feed(&mut self) {
         let iwdg = registers();
-        // While flash is written the time is another one, but this task does not run then.
+        // While flash is written the time is longer, but this task does not run then.
         if iwdg.rlr().read().bits() != TIMEOUT_MS || iwdg.pr().read().bits() != PRESCALER {
             set_timeout(TIMEOUT_MS);
         }
@@ -57,13 +57,13 @@ impl contract::Watchdog for Watchdog {
     }
 }
 
-/// Starts its time again: used by `idle`, and by `link` between the parts of long work with the force off.
+/// Restarts the watchdog's time. `idle` uses it, and `link` between the parts of long work with the force off.
 pub(in crate::board) fn renew() {
     // SAFETY: a documented key.
     registers().kr().write(|w| unsafe { w.bits(0xAAAA) });
 }
 
-/// Gives everything more time while `work`, which stalls the core, goes on.
+/// Gives the watchdog more time during `work`, which stalls the core.
 pub(in crate::board) fn with_patience<R>(work: impl FnOnce() -> R) -> R {
     set_timeout(PATIENT_MS);
     let result = work();

@@ -1,4 +1,4 @@
-//! Every command is read, and the worst answer to any input is a refusal.
+//! Every command is read, and other input is at worst refused.
 
 use super::*;
 use crate::console::{LINE_MAX, Line, LineReader, REPLY_MAX, Text};

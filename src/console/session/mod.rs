@@ -1,7 +1,7 @@
 //! One session: bytes and reports in, lines, frames and orders out.
 //!
-//! One command at a time. If the output task has to decide, the console asks it, and the reply waits for the answer,
-//! which comes with the next output.
+//! The console obeys one command at a time. If the task `render` has to decide, the console sends it an order. The
+//! reply waits for the answer, which comes with the next output.
 
 mod self_test;
 mod series;
@@ -29,7 +29,7 @@ pub(super) use self_test::SelfTestStep;
 use series::HitSeries;
 use stream::Stream;
 
-/// Bytes that one pass takes at most: the whole channel.
+/// Most bytes that one pass takes: the whole channel.
 const BYTES_A_PASS: usize = 256;
 
 /// Purpose of the order whose answer is awaited.
@@ -41,13 +41,13 @@ const BYTES_A_PASS: usize = 256;
 pub(super) enum Awaited {
     /// A command whose reply is its name.
     Done(&'static str),
-    /// Plan of a new output period; these settings are ordered after it.
+    /// Plan of a new output period. These settings are ordered after it.
     Period(Stored, ChangedSetting),
-    /// New settings: what to keep and how to reply.
+    /// New settings: the settings to keep, and the reply.
     Settings(Stored, ChangedSetting),
     /// Permission to test this part.
     SelfTest(SelfTestStep),
-    /// The end of what was going on.
+    /// The end of the running experiment.
     Stop,
     /// Permission to write flash.
     Save,
@@ -57,7 +57,6 @@ pub(super) enum Awaited {
     Quiet,
 }
 
-/// Which setting a command changed.
 #[derive(Clone, Copy)]
 pub(super) enum ChangedSetting {
     Value(&'static str, f64, &'static str),
@@ -72,7 +71,7 @@ pub(super) enum ChangedSetting {
 pub struct Console<P> {
     pub(super) port: P,
     pub(super) device: &'static Device<'static>,
-    /// Copy from the start, to find a changed bit, because every order is made from the device.
+    /// Copy of the device from the start. It shows a changed bit, because every order is made from the device.
     device_then: Device<'static>,
     pub(super) replies: ReplyChannel,
     reader: LineReader<LINE_MAX>,
@@ -80,17 +79,17 @@ pub struct Console<P> {
     /// Number of the design that the stored settings equal; 0: none.
     pub(super) design: u8,
     awaited: Option<Awaited>,
-    /// Newest output and the state at it. A running series is not in it, because only the console knows of that.
+    /// Newest output and the state at it, without a running series, which only the console knows.
     pub(super) latest: Option<(Situation, Record)>,
     series: Option<HitSeries>,
-    /// A hit that is over, and with the criterion `quiet` waits for its codes.
+    /// A hit that is over. With the criterion `quiet` it waits for its codes.
     over: Option<JudgedHit>,
-    /// A series that ended because nobody reads; not reported yet.
+    /// A series that ended because nobody reads, and is not reported yet.
     unread: Option<HitSeries>,
-    /// Another wall than the stored one is in force: a walk has just ended.
+    /// A wall other than the stored one is in force: a walk has just ended.
     restore_wall: bool,
-    /// Between the beginning of a series and the order after it: only then does the console give orders by itself. It
-    /// is kept twice, so that one flipped bit begins no series.
+    /// True from the beginning of a series to the order after it. Only then does the console give orders by itself. It
+    /// is stored twice, so that one flipped bit begins no series.
     in_series: Doubled<bool>,
     pub(super) stream: Stream,
 }
@@ -120,7 +119,7 @@ impl<P: Port> Console<P> {
         };
         console.version();
         console.reply(Reply::Loaded(source));
-        // The gains of the first settings are judged like those of any others.
+        // The envelope judges the first settings like all others.
         console.propose(stored, ChangedSetting::Loaded(source));
         console.awaited = console.awaited.map(|_| Awaited::Quiet);
         console
@@ -136,12 +135,12 @@ impl<P: Port> Console<P> {
         &self.stored
     }
 
-    /// An order is under way: until it is answered no command is read.
+    /// Whether an order is under way. Until its answer no command is read.
     pub fn is_waiting(&self) -> bool {
         self.awaited.is_some()
     }
 
-    /// Takes what happened with an output. Call it for every report, in order.
+    /// Takes the report of an output. Call it for every report, in order.
     pub fn report(&mut self, report: &Report) {
         self.stream(report);
         let Report { status, activity, record, .. } = *report;
@@ -183,15 +182,15 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Goes on with a series, or obeys a command if it `listens`; returns whether there was anything to do. Call it
+    /// Continues a series, or obeys a command if `listens` allows it. Returns whether there was anything to do. Call it
     /// after the reports.
     pub fn pass(&mut self, listens: bool) -> bool {
         let free = self.awaited.is_none() && self.latest.is_some();
         free && (self.pursue() || listens && self.listen())
     }
 
-    /// Reads up to the end of one line and obeys it; returns whether there were bytes. One line a pass: the caller
-    /// decides how often, see [`Pace`](crate::console::Pace).
+    /// Reads up to the end of one line and obeys it. Returns whether there were bytes. A pass takes one line. The
+    /// caller decides how often, see [`Pace`](crate::console::Pace).
     fn listen(&mut self) -> bool {
         let mute = self.is_mute();
         for taken in 0..BYTES_A_PASS {
@@ -225,7 +224,6 @@ impl<P: Port> Console<P> {
         self.write(&ReplyIn(reply, self.spoken()));
     }
 
-    /// The units of its numbers.
     pub(super) fn spoken(&self) -> Spoken {
         Spoken::of(self.device)
     }
@@ -241,7 +239,7 @@ impl<P: Port> Console<P> {
         })
     }
 
-    /// Replies with the reason, and for a wall outside the envelope also with the allowed range.
+    /// Replies with the reason. For a wall outside the envelope the reply also has the allowed range.
     #[inline(never)] // its texts and keys do not belong on the stack of a command that is obeyed
     pub(super) fn refuse(&mut self, refusal: Refusal) {
         let stored = *self.stored;
@@ -253,7 +251,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Gives the order for those settings, whose answer is then awaited.
+    /// Orders these settings. The answer is then awaited.
     pub(super) fn order_settings(&mut self, stored: &Stored, order: Order, awaited: Awaited) {
         if let (Order::LoopParameters(parameters, _), Ok(design)) =
             (&order, self.device.design(stored))
@@ -273,20 +271,20 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Whether settings and device, from which orders are made, are unchanged.
+    /// Whether settings and device are unchanged. Orders are made from both.
     pub(super) fn is_whole(&self) -> bool {
         self.stored.is_whole() && self.device_then == *self.device
     }
 
-    /// Whether the settings in force are what these settings come to, computed once more. A bit that flips in an order
-    /// on its way would otherwise be another wall for good.
+    /// Whether the settings in force are those that were asked for, computed once more. Otherwise a flipped bit of an
+    /// order on its way would be another wall for good.
     #[inline(never)] // its parameters are not needed below `report`
     fn is_in_force(&mut self, asked: &InForce) -> bool {
         let parameters = asked.settings.build(&asked.design);
         parameters.is_ok_and(|parameters| self.port.is_in_force(&parameters))
     }
 
-    /// Switches off with the fault of a flipped bit, and drops any settings that were proposed.
+    /// Switches off with the fault of a flipped bit, and drops all proposed settings.
     fn trip(&mut self) {
         self.stream.answered(false);
         if self.port.order(Order::Request(Request::Trip(Fault::Memory))) {
@@ -294,7 +292,6 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// A bit of the settings, or of the device, has flipped.
     #[cfg(test)]
     pub(super) fn flip(&mut self, of_device: bool) {
         if of_device {
@@ -306,7 +303,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// A bit has flipped in what orders are made of: from now on only the order for that fault is given.
+    /// A bit of settings or device has flipped. From now on only the order for that fault is given.
     #[cold]
     pub(super) fn lose(&mut self) {
         self.trip();
@@ -347,7 +344,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// The output task has taken those settings.
+    /// Keeps settings that the task `render` has accepted.
     fn keep_changed(&mut self, stored: Stored, changed: ChangedSetting) {
         let signs = self.stored.signs;
         if stored.period != self.stored.period {

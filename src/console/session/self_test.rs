@@ -1,4 +1,5 @@
-//! `selftest`: the parts of the board one by one, each between two outputs. As in `save`, nothing may arm meanwhile.
+//! `selftest`: tests the parts of the board one by one, each between two outputs. As in `save`, nothing may arm
+//! meanwhile.
 
 use super::{Awaited, Console};
 use crate::{
@@ -9,13 +10,12 @@ use crate::{
     self_test::{Found, Part},
 };
 
-/// How far the test has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SelfTestStep {
-    /// The next part; none before the first order is answered.
+    /// Number of the next part. None before the first order is answered.
     next: Option<usize>,
     failed: u32,
-    /// Enable has failed: from here on nothing drives the amplifier.
+    /// Enable has failed. From here on no part drives the amplifier.
     unsafe_to_drive: bool,
 }
 
@@ -24,7 +24,7 @@ impl SelfTestStep {
         Self { next: None, failed: 0, unsafe_to_drive: false };
 }
 
-/// The line about a part, or why it was not tried.
+/// The line about a part, or why it was not tested.
 struct Tested(Part, Result<Found, &'static str>);
 
 impl core::fmt::Display for Tested {
@@ -38,8 +38,8 @@ impl core::fmt::Display for Tested {
 }
 
 impl<P: Port> Console<P> {
-    /// The output task has answered: the force is off, nothing may arm until the console allows it, and no count is a
-    /// jump. Each part asks again, so that all tasks run between two parts.
+    /// The task `render` has answered: the force is off, and nothing may arm until the console allows it. A jump of the
+    /// count is no fault meanwhile. The console asks before each part, so that all tasks run between two parts.
     #[inline(never)] // its stack does not belong to every answer
     pub(super) fn test(&mut self, step: SelfTestStep) {
         let Some(at) = step.next else {

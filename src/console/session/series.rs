@@ -1,5 +1,5 @@
-//! Hits that follow one another: `walk`, and the pushes of a quiet `hit`. The output task runs one hit at a time. The
-//! next one is decided here, with the settings built as for any other command.
+//! Series of hits: `walk`, and the pushes of a quiet `hit`. The task `render` runs one hit at a time. The console
+//! decides about the next one, and builds its settings as for any other command.
 
 use super::{Awaited, Console};
 use crate::{
@@ -26,14 +26,13 @@ enum Next {
     Verdict,
 }
 
-/// Hits that follow one another.
 #[derive(Clone, Copy)]
 pub struct HitSeries {
-    /// Without a walk it is a single hit, at the wall in force.
+    /// None: a single hit, at the wall in force.
     walk: Option<Walk>,
     totals: WalkTotals,
     next: Next,
-    /// Place of the next push among [`PUSHES`].
+    /// Number of the next push in [`PUSHES`].
     push: usize,
     /// The push at this wall with the largest force RMS so far.
     loudest: Option<JudgedHit>,
@@ -73,7 +72,7 @@ impl<P: Port> Console<P> {
         self.begin(HitSeries::of(Some(Walk::new(grid)), Next::Wall), "walk");
     }
 
-    /// One hit, or one at each push.
+    /// Begins one hit. With the criterion `quiet`: one hit at each push.
     pub(in crate::console) fn begin_hit(&mut self) {
         match (self.stored.criterion, self.device.hit_sequence(&self.stored, false)) {
             (Criterion::Quiet, _) => self.begin(HitSeries::of(None, Next::Hit), "hit"),
@@ -92,7 +91,8 @@ impl<P: Port> Console<P> {
         self.reply(Reply::Done(name));
     }
 
-    /// Gives the next order of a series, or after it the order for the stored wall; returns whether it did.
+    /// Gives the next order of a series, or after the series the order for the stored wall. Returns whether it gave
+    /// one.
     pub(super) fn pursue(&mut self) -> bool {
         if !self.is_mute()
             && let Some(series) = self.unread.take()
@@ -122,7 +122,7 @@ impl<P: Port> Console<P> {
         match series.next {
             Next::Verdict => return false,
             _ if !armed => self.end_series("the force went off: see status and faults"),
-            // Said when somebody reads again; now the line would be lost.
+            // Reported when somebody reads again; now the line would be lost.
             _ if self.replies.is_mute(&mut self.port) => self.unread = self.series.take(),
             Next::Wall => {
                 let stored = series.settings(*self.stored);
@@ -135,7 +135,7 @@ impl<P: Port> Console<P> {
                     }
                 }
             }
-            // In a walk only the verdicts count, so each may come early.
+            // A walk needs only verdicts, so each verdict may come early.
             Next::Hit => {
                 let (stored, early) = (series.settings(*self.stored), series.walk.is_some());
                 match self.device.hit_sequence(&stored, early) {
@@ -147,7 +147,7 @@ impl<P: Port> Console<P> {
         true
     }
 
-    /// As flipped bits could leave it: in a walk, and with a wall to bring back, although nobody began a walk.
+    /// The state that flipped bits could make: in a walk, and with a wall to restore, although no walk was begun.
     #[cfg(test)]
     pub(in crate::console) fn damage(&mut self, in_walk: bool) {
         let series = HitSeries::of(Some(Walk::new(self.stored.grid)), Next::Hit);
@@ -155,7 +155,7 @@ impl<P: Port> Console<P> {
         self.restore_wall = true;
     }
 
-    /// The last order of the series was met.
+    /// The last order of the series was accepted.
     pub(super) fn advance(&mut self) {
         if let Some(series) = &mut self.series {
             series.next = match series.next {
@@ -165,7 +165,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// A hit is over. With the criterion `quiet` its codes decide too.
+    /// Takes the end of a hit. With the criterion `quiet` its codes decide too.
     pub(super) fn hit_over(&mut self, verdict: Verdict, counts: RunningVariance, port: Exchanged) {
         let hit = JudgedHit { verdict, counts, port, quiet: None };
         match self.stored.criterion {
@@ -181,7 +181,7 @@ impl<P: Port> Console<P> {
         let (Some(mut hit), Some(series)) = (self.over.take(), self.series) else { return };
         let stored = series.settings(*self.stored);
         hit.quiet = self.quiet_window(&stored, &hit.counts, &codes);
-        // The limit is a share of the push that was set.
+        // The limit is a share of the push in the settings.
         let share_n = FORCE_SHARE * libm::fabs(self.stored.push_n);
         let limit_n = stored.force_rms_limit_n.unwrap_or(share_n);
         let is_loud = hit.quiet.is_some_and(|quiet| !quiet.is_quiet(limit_n));
@@ -191,7 +191,6 @@ impl<P: Port> Console<P> {
         self.judged(hit);
     }
 
-    /// Goes on after a hit.
     #[inline(never)] // as `hit_codes`
     fn judged(&mut self, hit: JudgedHit) {
         let Some(mut series) = self.series else { return self.say_hit(&hit) };
@@ -224,7 +223,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Force and wall of a window; `None` where a setting is out of range.
+    /// Force and wall of a window. `None` if a setting is out of range.
     fn quiet_window(
         &self,
         stored: &Stored,
@@ -248,7 +247,6 @@ impl<P: Port> Console<P> {
         })
     }
 
-    /// Takes the verdict on a walk's cell.
     fn walk_on(&mut self, mut series: HitSeries, mut walk: Walk, hit: &JudgedHit) {
         let (plan, cell, spoken) = (*walk.plan(), walk.cell(), self.spoken());
         let number = series.totals.hits.saturating_add(1);

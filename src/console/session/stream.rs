@@ -1,5 +1,5 @@
-//! Telemetry: one frame each millisecond, with the outputs of it and the counts of all samples. Now and then a frame is
-//! a key, from which a reader can compute every sample.
+//! Telemetry: one frame each millisecond, with the outputs of this millisecond and the counts of all its samples. Some
+//! frames have a key. From a key a reader can compute every later sample.
 
 use super::Console;
 use crate::{
@@ -17,23 +17,21 @@ use crate::{
 /// Longest time between two keys, samples: 100 ms.
 const KEY_EVERY: u64 = 100 * SAMPLES_PER_MS as u64;
 
-/// State of the telemetry stream.
 #[derive(Clone)]
 pub(in crate::console) struct Stream {
     pub(in crate::console) on: bool,
     sequence: u32,
-    /// Outputs of the frame that is being filled: they follow each other, with the same settings and fault.
+    /// Outputs of the frame that is being filled. They follow each other, with the same settings and fault.
     outputs: [Record; Frame::OUTPUTS],
-    /// Pushes of an experiment at these outputs.
     pushes: [Force; Frame::OUTPUTS],
-    /// Energy that wall and hand have exchanged up to the newest of them.
+    /// Energy that wall and hand have exchanged up to the newest output.
     port: Exchanged,
     count: usize,
     /// Last sample whose count was sent.
     told: Option<u64>,
-    /// Values at the last key that was sent.
+    /// Values at the last sent key.
     key: Option<Mark>,
-    /// Settings that were accepted last, and those whose order is under way.
+    /// Settings that were accepted last, and settings whose order is under way.
     accepted: Option<Chosen>,
     proposed: Option<Chosen>,
 }
@@ -47,7 +45,7 @@ struct Mark {
     settings: u16,
 }
 
-/// Settings, and the estimator that was made of them.
+/// Settings, and the estimator that was built from them.
 #[derive(Clone, Copy)]
 struct Chosen {
     in_force: InForce,
@@ -55,7 +53,7 @@ struct Chosen {
 }
 
 impl Stream {
-    /// On, at the first sample, with these settings.
+    /// A stream that is on from the first sample, with these settings.
     pub(super) fn new(first: Option<(Design, &Stored, &LoopParameters)>) -> Self {
         let chosen = |(design, stored, parameters): (Design, &Stored, &LoopParameters)| Chosen {
             in_force: InForce { number: 0, design, settings: stored.settings },
@@ -87,7 +85,8 @@ impl Stream {
         });
     }
 
-    /// An order was answered: the settings that it put in force, if it was for settings and was accepted.
+    /// Takes the answer to an order. Returns the settings that the order put in force; `None` for other orders and
+    /// refusals.
     pub(super) fn answered(&mut self, met: bool) -> Option<InForce> {
         let chosen = self.proposed.take().filter(|_| met)?;
         self.accepted = Some(chosen);
@@ -102,14 +101,14 @@ impl Stream {
 }
 
 impl<P: Port> Console<P> {
-    /// Sends telemetry, if it is on. A full channel drops the frame; its sequence number is then missing.
+    /// Sends telemetry, if it is on. A full channel drops the frame. Then its sequence number is missing.
     pub(super) fn stream(&mut self, report: &Report) {
         let Report { streamed: mut record, push, port, .. } = *report;
         if !self.stream.on {
             self.stream.count = 0;
             return;
         }
-        // What was in force before a fault is no longer known.
+        // The design before a fault is no longer known, so a record of the black box has none.
         if !record.flags.contains(Flags::REPLAY) {
             record.flags = record.flags.with_design(self.design);
         }
@@ -133,7 +132,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Sends what is gathered: outputs of one period.
+    /// Sends the frame that is being filled: outputs of one period.
     #[inline(never)] // its frame is not needed below `report`
     pub(in crate::console) fn flush(&mut self) {
         let Stream { outputs, pushes, port, count, .. } = self.stream;
@@ -156,7 +155,7 @@ impl<P: Port> Console<P> {
             return;
         }
         let mut writer = frame.encode_after(earlier, period, &mut bytes);
-        // Samples that were not sent yet; after a gap those of a millisecond.
+        // Samples that were not sent yet. After a gap: the samples of a millisecond.
         let told = self.stream.told;
         let since = told.map_or(u64::MAX, |told| newest.sample.wrapping_sub(told));
         let follows = since <= Frame::SAMPLES as u64;
@@ -187,14 +186,14 @@ impl<P: Port> Console<P> {
             writer = writer.key(&key).port(port);
         }
         if !self.port.write_frame(writer.finish()) {
-            // What this frame had is sent again.
+            // The next frame sends the content of this one again.
             (self.stream.told, self.stream.key) = (told, None);
         }
     }
 }
 
 impl Stream {
-    /// The key to send with this frame, if one is due.
+    /// The key for this frame, if one is due.
     fn key_of(
         &self,
         (sampler, zeros): (&crate::Sampler, u16),

@@ -1,4 +1,4 @@
-//! Nothing changes without an acknowledgement, and no input keeps the task busy.
+//! Nothing changes without an acknowledgement, and no input makes the task too busy.
 
 use super::*;
 

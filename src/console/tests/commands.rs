@@ -1,4 +1,4 @@
-//! Every arm of the dispatch: which order it gives, what it keeps, what it replies.
+//! Every command of the dispatch: its order, the settings that it keeps, its reply.
 
 use super::*;
 use crate::{
@@ -13,7 +13,7 @@ fn boot_says_what_runs_and_proposes_the_first_settings_quietly() {
     let loaded = "ok load: older settings: the newest cannot be read";
     assert_eq!(console.port.lines, [version.as_str(), loaded]);
     assert_eq!(console.port.orders, [DEVICE.order(&DEVICE.defaults()).unwrap()]);
-    // nothing is obeyed before the first report, and the answer to the first order has no reply
+    // nothing is obeyed before the first report; the answer to the first order has no reply
     console.port.typed.extend(*b"get\n");
     console.pass(true);
     assert_eq!((console.port.lines.len(), console.port.typed.len()), (2, 4));
@@ -47,7 +47,7 @@ fn faults_of_a_latched_fault_ask_for_the_black_box() {
     assert!(bench.answer(Ok(())).is_empty());
 }
 
-/// The supervisor decides: the request, then `ok NAME` or the refusal.
+/// The supervisor decides. The console sends the request, then replies `ok NAME` or the refusal.
 #[test]
 fn requests_are_passed_on_and_answered() {
     let fault = Some(FaultRecord::bare(Fault::OverSpeed));
@@ -91,7 +91,7 @@ fn what_the_rules_refuse_gives_no_order() {
     bench.status.inputs.settings_valid = false;
     bench.report(Event::None);
     assert_eq!(bench.says("arm"), "error: settings are not valid or outside the envelope: see get");
-    // for a wall outside, the allowed range
+    // for a wall outside the envelope, the allowed range
     bench.console.stored.edit(|stored| stored.settings.wall.stiffness_n_per_m = 5000.0);
     let outside =
         "error: beyond the envelope: k at this b is allowed from 0 to 4000, or unlock envelope";
@@ -103,7 +103,7 @@ fn what_the_rules_refuse_gives_no_order() {
     assert_eq!(bench.answer(Err(Refusal::Settings)), [outside]);
 }
 
-/// Settings of the loop: proposed with the one value changed, kept once they are taken.
+/// Settings of the loop: proposed with one changed value, kept once they are accepted.
 #[test]
 fn settings_of_the_loop_are_proposed_and_kept_once_taken() {
     type Edit = fn(&mut Stored);
@@ -143,7 +143,7 @@ fn settings_of_the_loop_are_proposed_and_kept_once_taken() {
     }
 }
 
-/// Settings of the next experiment: kept at once, if it can run with them.
+/// Settings of the next experiment: kept at once, if an experiment can run with them.
 #[test]
 fn settings_of_experiments_are_kept_at_once_or_refused() {
     type Edit = fn(&mut Stored);
@@ -331,7 +331,8 @@ fn saving_stalls_writes_and_goes_on() {
     }
 }
 
-/// Values in outputs are ordered before the parameters. Nothing is kept before both are accepted.
+/// The settings that are counted in outputs are ordered before the parameters. Nothing is kept before both are
+/// accepted.
 #[test]
 fn another_period_sends_its_plan_first_and_is_refused_while_force_acts() {
     let on = "error: the force is on: disarm first";
@@ -359,7 +360,7 @@ fn another_period_sends_its_plan_first_and_is_refused_while_force_acts() {
         assert_eq!(bench.stored(), before);
         assert_eq!(bench.answer(Ok(())), [format!("ok period {period} samples")]);
         assert_eq!(bench.stored(), after);
-        // the same value again is a change like any other
+        // the same value again is handled like any other change
         assert_eq!(bench.orders(&line), DEVICE.order(&after).unwrap());
         assert_eq!(bench.answer(Ok(())), [format!("ok period {period} samples")]);
         assert!(bench.says("get").ends_with(&format!(", period {period} samples")));
@@ -417,7 +418,7 @@ fn loading_takes_signs_full_scale_and_period_only_without_force() {
     }
 }
 
-/// This includes settings that a command does not change: with a flipped B, `k` would put that B in force.
+/// This includes settings that the command does not change: with a flipped B, `k` would put that B in force.
 #[test]
 fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
     for of_device in [false, true] {
@@ -442,7 +443,7 @@ fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
     assert_eq!(bench.console.port.flash, None);
 }
 
-/// A bit flips between what was typed and what is in force, and the reply would say 9000.
+/// A bit flips on the way into force. Without the check the reply would say 9000.
 #[test]
 fn what_is_in_force_otherwise_than_it_was_asked_for_is_a_fault() {
     let mut bench = Bench::new(FREE);

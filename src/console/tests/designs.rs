@@ -1,4 +1,4 @@
-//! Designs: chosen by name with the force off; replies, saved settings and telemetry name them.
+//! Designs are chosen by name with the force off. Replies, saved settings and telemetry name them.
 
 use std::sync::LazyLock;
 
@@ -72,8 +72,8 @@ fn a_design_is_taken_whole_and_only_with_the_force_off() {
     }
 }
 
-/// Beside the designs the envelope has one cutoff. With the force off any other tuning is accepted, and keeps the force
-/// off.
+/// Beside the designs the envelope has one cutoff. With the force off any other tuning is accepted. Then the force
+/// cannot be switched on.
 #[test]
 fn free_tuning_needs_the_envelope_unlocked() {
     let mut bench = Bench::on(device(), OFF);
@@ -97,7 +97,7 @@ fn free_tuning_needs_the_envelope_unlocked() {
     bench.orders("cutoff 1499");
     assert_eq!(bench.answer(Ok(())), ["ok cutoff 1499 Hz"]);
     assert_eq!(name(&mut bench), "none");
-    // With the force off it is accepted, as an order that keeps the force off, and `arm` gives the reason.
+    // With the force off the tuning is accepted, as an order that keeps the force off. `arm` gives the reason.
     bench.status = OFF;
     bench.report(Event::None);
     let order = bench.orders("cutoff 1498");
@@ -148,7 +148,8 @@ fn telemetry_has_the_number_of_the_design_but_for_the_black_box() {
     bench.orders("cutoff 500");
     bench.answer(Ok(()));
     bench.report(Event::None);
-    // The first settings are those of `paper`. A frame is sent before the settings that its output answered are kept.
+    // The first settings are the settings of the design `paper`. A frame is sent before the settings that its output
+    // accepted are kept.
     assert_eq!(numbers(&mut bench), [2, 1, 1, 0]);
     bench.orders("design paper");
     bench.answer(Ok(()));

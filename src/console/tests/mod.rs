@@ -1,4 +1,4 @@
-//! The console on a board of plain values.
+//! The console on a mock board of plain values.
 
 use std::{
     collections::VecDeque,
@@ -32,7 +32,6 @@ mod self_test;
 mod stream;
 mod walk;
 
-/// The other side of a console.
 #[derive(Default)]
 struct Board {
     typed: VecDeque<u8>,
@@ -47,12 +46,12 @@ struct Board {
     flash: Option<Stored>,
     /// Flash refuses every write.
     broken: bool,
-    /// The part that fails.
+    /// The part whose self-test fails.
     wrong: Option<Part>,
     tested: Vec<Part>,
     /// Nobody reads the lines.
     deaf: bool,
-    /// The last order.
+    /// The parameters of the last order.
     in_force: Option<LoopParameters>,
 }
 
@@ -140,11 +139,10 @@ struct Bench {
     activity: Activity,
 }
 
-/// The exchanged energy in every report.
 const PORT: Exchanged = Exchanged { energy: -(1 << 40), given: 1 << 41 };
 
 impl Bench {
-    /// After boot, when its first order was met.
+    /// A bench after boot, when its first order was accepted.
     fn new(status: Status) -> Self {
         Self::on(&DEVICE, status)
     }
@@ -161,7 +159,7 @@ impl Bench {
         self.tell(Record { sample: 42, ..Record::EMPTY }, event);
     }
 
-    /// An output with that record. Lines that it ends in answer no command, unless it has an answer.
+    /// Reports an output with that record. Its lines answer no command, unless `event` is an answer.
     fn tell(&mut self, record: Record, event: Event) {
         let Self { status, activity, .. } = *self;
         let (before, answers) = (self.console.port.lines.len(), matches!(event, Event::Answer(_)));
@@ -220,7 +218,6 @@ impl Bench {
     }
 }
 
-/// Reply to the command `version`.
 fn version() -> String {
     let hash = DEVICE.envelope.hash();
     let version = env!("CARGO_PKG_VERSION");

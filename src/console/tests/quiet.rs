@@ -1,5 +1,5 @@
-//! Hits and walks by the criterion `quiet`: one push after the other, each judged by its counts, its force and the
-//! wall.
+//! Hits and walks by the criterion `quiet`: one push after the other. The counts, the force and the wall of each push
+//! are judged.
 //!
 //! The device has counts of 1 um, a DAC of 12 bits and 5.906 N at full scale; the wall of these tests is at 0.07 m.
 
@@ -8,10 +8,9 @@ use crate::experiment::{RunningVariance, Verdict, quiet::PUSHES};
 
 const PUSH_N: f64 = 2.0;
 const K: f64 = 50_000.0;
-/// Force of one code, N.
 const CODE_N: f64 = 5.906 / 2047.0;
 
-/// Armed, with that wall, and judged by `quiet`.
+/// Armed, with that wall and the criterion `quiet`.
 fn bench() -> Bench {
     let mut bench = Bench::new(FREE);
     bench.console.stored.edit(|stored| {
@@ -28,7 +27,7 @@ fn bench() -> Bench {
     bench
 }
 
-/// A handle at rest in that wall under that push, with codes that vary by so many.
+/// A handle at rest in that wall under that push, with codes that vary by `swing`.
 fn window(push_n: f64, swing: i32) -> [RunningVariance; 2] {
     let [mut counts, mut codes] = [RunningVariance::default(); 2];
     let behind = DEVICE.design.position("position_m", push_n / K).unwrap().counts();
@@ -45,7 +44,7 @@ fn over(bench: &mut Bench, verdict: Verdict, [counts, codes]: [RunningVariance; 
     bench.take().0
 }
 
-/// The hit at that push is ordered and met, and reports these values.
+/// Orders the hit at that push. It is accepted, and reports these values.
 #[track_caller]
 fn pushed(bench: &mut Bench, share: f64, (verdict, swing): (Verdict, i32)) -> Vec<String> {
     let push_n = share * PUSH_N;

@@ -1,4 +1,4 @@
-//! A rotary device: all that is typed and printed is about its axis, and all that is ordered is at the handle.
+//! A rotary device: typed and printed values are about its axis, ordered values are at the handle.
 
 use super::*;
 use crate::{
@@ -7,7 +7,7 @@ use crate::{
 };
 use std::sync::LazyLock;
 
-/// At a quarter of a metre: powers of it are exact.
+/// The radius is a quarter of a metre, because its powers are exact.
 static PADDLE: LazyLock<Device<'static>> =
     LazyLock::new(|| Device { radius_m: 0.25, envelope: Envelope::EMPTY, ..*DEVICE });
 

@@ -1,10 +1,10 @@
-//! `selftest`: part by part, each with an order before it.
+//! `selftest`: part by part, with an order before each.
 
 use std::vec;
 
 use super::*;
 
-/// One part after each answer, and nothing may arm before the last one. The zero is lost first.
+/// One part after each answer. Nothing may arm before the last one. The zero is lost first.
 #[test]
 fn a_self_test_asks_before_each_part_and_tells_what_has_failed() {
     let (stall, go_on) =
@@ -32,7 +32,7 @@ fn a_self_test_asks_before_each_part_and_tells_what_has_failed() {
     }
 }
 
-/// After a fault the output may still have a force. If enable does not switch off, nothing else may drive the
+/// After a fault the output may still have a force. If enable does not switch off, no other part may drive the
 /// amplifier.
 #[test]
 fn a_self_test_does_not_drive_what_is_not_safe() {

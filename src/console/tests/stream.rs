@@ -1,4 +1,4 @@
-//! What telemetry has beside the outputs: counts of all samples, and keys.
+//! Parts of telemetry beside the outputs: counts of all samples, and keys.
 
 use super::*;
 use crate::{
@@ -8,7 +8,6 @@ use crate::{
     velocity::{Senses, State as Estimated},
 };
 
-/// A frame, as a reader sees it.
 #[derive(Debug)]
 struct Seen {
     newest: u64,
@@ -19,7 +18,6 @@ struct Seen {
     port: Option<Exchanged>,
 }
 
-/// A console on a board whose handle moves.
 struct Moving {
     bench: Bench,
     parameters: LoopParameters,
@@ -40,7 +38,7 @@ impl Moving {
         Self { bench, parameters, sampler, numbers: 1, decoder: Decoder::new(), down }
     }
 
-    /// One millisecond; returns the content of its frame, if there was one.
+    /// Runs one millisecond. Returns the content of its frame, if there was one.
     fn run(&mut self, event: Event) -> Option<Seen> {
         let mut motion = None;
         let from = self.sampler.sampler().next();
@@ -97,14 +95,15 @@ impl Moving {
         })
     }
 
-    /// All samples up to the frame's newest one that were not sent before.
+    /// Whether the frame has all samples up to its newest one that were not sent before.
     fn positions(&self, seen: &Seen, samples: u64) -> bool {
         let [newest, samples] = [seen.newest, samples].map(|n| usize::try_from(n).unwrap());
         seen.positions == self.bench.console.port.positions[newest - samples..=newest]
     }
 }
 
-/// Every frame has the counts of its millisecond, and one in a hundred has a key, from which the next key follows.
+/// Every frame has the counts of its millisecond. One frame in a hundred has a key, from which the next key can be
+/// computed.
 #[test]
 fn counts_come_with_every_frame_and_a_key_each_100_ms() {
     let mut moving = Moving::new();
@@ -137,8 +136,8 @@ fn counts_come_with_every_frame_and_a_key_each_100_ms() {
     assert_eq!(keys, [0, 1000, 2000]);
 }
 
-/// A reader that can no longer follow gets a key: after a full channel (the counts are sent again), and after telemetry
-/// was off. A record of the black box has neither counts nor a key.
+/// A reader that cannot follow gets a key: after a full channel (the counts are sent again), and after telemetry was
+/// off. A record of the black box has neither counts nor a key.
 #[test]
 fn a_key_follows_every_gap() {
     let mut moving = Moving::new();
@@ -169,7 +168,7 @@ fn a_key_follows_every_gap() {
     assert!((0..3).all(|_| moving.run(Event::None).is_some()));
 }
 
-/// After other settings, and after a zero.
+/// A key follows after other settings, and after a zero.
 #[test]
 fn a_key_follows_whatever_changes_the_estimator_or_the_wall() {
     let mut moving = Moving::new();
@@ -206,7 +205,7 @@ fn a_key_follows_whatever_changes_the_estimator_or_the_wall() {
     assert!(moving.run(Event::None).unwrap().key.is_none());
 }
 
-/// The task is late: the sampler has gone on, with settings whose order is not answered yet.
+/// The task is late: the sampler already has settings whose order is not answered yet.
 #[test]
 fn a_key_of_settings_that_are_not_answered_yet_names_them() {
     let mut moving = Moving::new();

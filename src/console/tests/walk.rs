@@ -1,4 +1,4 @@
-//! A walk: every order it gives, every way it ends.
+//! All orders of a walk, and all its ends.
 
 use super::*;
 use crate::experiment::{AbortReason, RunningVariance, Verdict};
@@ -16,7 +16,6 @@ fn begun() -> Bench {
     bench
 }
 
-/// The order that the walk gives next.
 #[track_caller]
 fn next(bench: &mut Bench) -> Order {
     bench.console.pass(true);
@@ -25,7 +24,7 @@ fn next(bench: &mut Bench) -> Order {
     orders[0]
 }
 
-/// Wall and hit of a cell are ordered and met.
+/// Wall and hit of a cell are ordered and accepted.
 #[track_caller]
 fn cell(bench: &mut Bench, k: f64, b: f64) {
     let mut stored = bench.stored();
@@ -46,7 +45,7 @@ fn judge(bench: &mut Bench, verdict: Verdict) -> Vec<String> {
     bench.take().0
 }
 
-/// After its end the stored wall comes back without a reply, and commands are obeyed again.
+/// After the walk's end the stored wall comes back without a reply, and commands are obeyed again.
 #[track_caller]
 fn over(bench: &mut Bench) {
     assert_eq!(next(bench), DEVICE.order(&bench.stored()).unwrap());
@@ -124,7 +123,7 @@ fn stop_ends_it_at_any_moment() {
             1 => {
                 next(&mut bench);
                 bench.console.port.typed.extend(*b"stop\n");
-                // the order for the wall is met first
+                // the order for the wall is accepted first
                 bench.console.pass(true);
                 assert!(bench.take().1.is_empty());
                 bench.answer(Ok(()));

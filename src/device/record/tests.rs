@@ -1,4 +1,4 @@
-//! A record is read as it was made. Whatever is wrong with one is found and named.
+//! A record is read as it was made. Every error in a record is found and named.
 
 use proptest::prelude::*;
 use std::{string::ToString, vec::Vec};
@@ -22,7 +22,6 @@ const BOARD: BoardFacts = BoardFacts {
     latency_samples: 0.115,
 };
 
-/// The record of that device, with its envelope.
 fn record(device: &Device<'_>) -> Vec<u32> {
     device.to_record(&[], &[BOUNDARY], &mut [0; WORDS_MAX]).unwrap().to_vec()
 }
@@ -31,7 +30,7 @@ fn refused(words: &[u32]) -> BadRecord {
     Device::from_record(words, &BOARD).unwrap_err()
 }
 
-/// With a right checksum.
+/// The words with a right checksum.
 fn signed(mut words: Vec<u32>) -> Vec<u32> {
     let (check, body) = words.split_last_mut().unwrap();
     *check = crc::of_words(body);
@@ -52,7 +51,7 @@ fn a_record_comes_back_and_erased_flash_behind_it_does_not_matter() {
     assert_eq!(&bytes[BOARD_AT..BOARD_AT + 8], b"a-board\0");
 }
 
-/// Every byte is changed to every value that differs in one bit or in all bits; the record is cut at every place.
+/// Every byte is changed to every value that differs in one bit or in all bits. The record is cut at every length.
 #[test]
 fn no_record_with_a_wrong_byte_and_none_that_is_cut_short_is_taken() {
     let words = record(&DEVICE);
@@ -127,7 +126,7 @@ fn what_is_wrong_with_a_whole_record_is_named() {
     says(&signed(kind), output);
 }
 
-/// Every number of a device is checked at the first value that matters.
+/// A NaN in place of any number is refused.
 #[test]
 fn a_number_that_is_none_is_refused_wherever_it_stands() {
     let words = record(&DEVICE);
@@ -146,7 +145,7 @@ fn a_number_that_is_none_is_refused_wherever_it_stands() {
     }
 }
 
-/// Numbers with which no fault would ever be found, or no motion held.
+/// Numbers with which no fault could be found, or no motion stopped.
 #[test]
 fn a_device_that_nobody_holds_is_refused() {
     type Edit = fn(&mut Device<'static>);
@@ -188,7 +187,7 @@ fn designs_stand_before_the_envelope_and_each_is_checked() {
     let again =
         device.to_record(&NAMED, &[BOUNDARY, of_design], &mut [0; WORDS_MAX]).unwrap().to_vec();
     assert_eq!(again, words);
-    // One design more than there are words for: it is read as a part of the envelope.
+    // One design more than there are words for: its words are read as part of the envelope.
     let mut short = words.clone();
     short[11] += 1 << DESIGNS;
     assert_eq!(refused(&signed(short)), BadRecord::Designs);
@@ -201,7 +200,7 @@ fn designs_stand_before_the_envelope_and_each_is_checked() {
     assert!(why.starts_with("cutoff_hz is 5000, allowed "), "{why}");
 }
 
-/// The gains of the design are allowed, at every output period of its rows and at no other.
+/// The gains of the design are allowed only at the output periods of its rows.
 #[test]
 fn a_design_has_its_own_rows_of_the_envelope() {
     let low = [point(0.0, 100.0), point(50.0, 100.0)];
@@ -238,7 +237,7 @@ proptest! {
     fn every_number_keeps_its_place(numbers in any::<[f64; NUMBERS]>(), words in any::<[u32; 3]>(), signs in any::<[bool; 2]>()) {
         let mut made = record(&DEVICE);
         for (n, number) in numbers.into_iter().enumerate() {
-            // a value that the estimator does not have
+            // the estimator does not have these parameters
             let number = if (30..37).contains(&n) { 0.0 } else { number };
             [made[FIXED + 2 * n], made[FIXED + 2 * n + 1]] = halves(number);
         }

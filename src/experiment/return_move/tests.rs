@@ -3,7 +3,6 @@ use super::*;
 pub use crate::design::tests::DESIGN;
 pub const SETTINGS: ReturnSettings = ReturnSettings::SOFT;
 
-/// A return with its plan.
 struct Moving {
     plan: ReturnPlan,
     back: Return,
@@ -30,7 +29,7 @@ pub struct Handle {
 }
 
 impl Handle {
-    /// The paper's, at `x`.
+    /// The paper's handle, at `x`.
     pub fn at(x: f64) -> Self {
         Self { mass_kg: 0.416, damping: 5.5195, spring: 11.0626, rest_m: 0.0517, x, v: 0.0 }
     }
@@ -40,7 +39,7 @@ impl Handle {
         Position::from_counts((self.x / 1e-6).floor() as i32)
     }
 
-    /// One output period with that force.
+    /// Moves the handle for one output period with that force.
     pub fn go(&mut self, force: Force) {
         for _ in 0..10 {
             let force = f64::from(force.bits()) / 2f64.powi(30) * DESIGN.full_scale_n;
@@ -51,7 +50,7 @@ impl Handle {
     }
 }
 
-/// How it ended, after how many outputs, the highest speed, the largest force (part of full scale).
+/// Brings the handle back. Returns the end, the outputs, the highest speed, and the largest force (part of full scale).
 fn bring_back(mut handle: Handle, held: bool) -> (ReturnStep, u32, f64, f64) {
     let mut back = Moving::new(SETTINGS.build(&DESIGN).unwrap());
     let (mut fastest, mut strongest) = (0f64, 0f64);
@@ -106,8 +105,8 @@ fn a_handle_that_is_held_ends_it_and_never_feels_more_than_the_limit() {
     assert!(strongest <= 1.4 / 5.906 + 1e-9);
 }
 
-/// A hand brings the handle to the start faster than the return would, holds it there for a moment or not, and lets go.
-/// The handle stays there, except for the motion by its own spring.
+/// A hand brings the handle to the start faster than the return would. The hand lets go at once, or holds the handle
+/// there for a moment. The handle stays there, except for the motion by its own spring.
 #[test]
 #[cfg_attr(miri, ignore = "returns in closed loop")]
 fn a_handle_that_a_hand_has_brought_to_the_start_is_not_driven_away() {
@@ -169,7 +168,7 @@ fn a_return_that_is_taken_starts_and_one_that_cannot_start_is_refused_with_the_r
     }
 }
 
-/// A step that rounds up to a whole number of counts fits a lead of as many counts, in both directions.
+/// A step that rounds up to a whole number of counts fits a lead of the same number, in both directions.
 #[test]
 fn a_step_as_long_as_the_lead_is_taken_on_either_side() {
     let full_scale_n = 2.189_657_517_033_622;
@@ -218,14 +217,14 @@ fn settings_become_counts_outputs_and_parts_of_full_scale() {
     // 1.4 N over 300 N/m are 4666.7 um
     assert_eq!((plan.lead, plan.rest_outputs, plan.timeout_outputs), (4_667, 20, 10_000));
     assert!((f64::from(plan.force().bits()) / 2f64.powi(30) - 1.4 / 5.906).abs() < 1e-9);
-    // The speed is that of the last eight milliseconds at every period down to one of 0.1 ms.
+    // The speed is measured over the last eight milliseconds at every period, also at 0.1 ms.
     for (period, pace) in [(10, 1), (5, 2), (2, 5), (1, 10)] {
         let faster = SETTINGS.build(&Design { period, ..DESIGN }).unwrap();
         assert_eq!((faster.pace, faster.damping), (pace, plan.damping));
     }
 }
 
-/// On a device where a newton is 10^6 LSB and a count a micrometre: 1 N/m is 1 LSB per count.
+/// A device on which a newton is 10^6 LSB and a count is a micrometre. So 1 N/m is 1 LSB per count.
 #[test]
 fn a_setting_out_of_range_is_refused_with_the_range() {
     let design = Design { full_scale_n: f64::from(1 << 30) * 1e-6, ..DESIGN };
@@ -234,7 +233,7 @@ fn a_setting_out_of_range_is_refused_with_the_range() {
     for (settings, name, low, high) in [
         (ReturnSettings { force_n: 1.0, ..base }, "return_force_n", 1.073_741_824, 536.870_912),
         (ReturnSettings { tolerance_m: 2.0, ..base }, "return_tolerance_m", 4e-6, 1.048_576),
-        // They are never that small: the value next to 0 is 0.
+        // The gains are never that small: the next allowed value is 0.
         (
             ReturnSettings { damping_n_s_per_m: 1e-13, ..base },
             "return_damping_n_s_per_m",

@@ -13,7 +13,6 @@ fn requests_reach_the_supervisor_and_the_sampling_task_at_once() {
     assert_eq!(bench.order(Order::Request(Request::Clear)), Err(Refusal::NoFault));
 }
 
-/// When the answer comes, the force is off: with a hit, without a hit, off before, and with a fault.
 #[test]
 fn a_host_that_falls_silent_takes_the_force_away_in_time() {
     let mut bench = Bench::armed();
@@ -29,7 +28,7 @@ fn a_host_that_falls_silent_takes_the_force_away_in_time() {
     bench.run(2);
     assert_eq!(bench.last, OutputCommand::Off);
     assert_eq!(bench.status().fault.map(|record| record.fault), Some(Fault::HostSilent));
-    // The promise has ended with it.
+    // The promise ends with its fault.
     bench.met(Order::Request(Request::Clear));
     bench.met(Order::Request(Request::Arm));
     bench.run(600);
@@ -46,7 +45,7 @@ fn a_host_that_falls_silent_takes_the_force_away_in_time() {
     assert_eq!(bench.status().fault.map(|record| record.fault), Some(Fault::HostSilent));
 }
 
-/// The console does not ask for these; but its view of the state may be an older one.
+/// The console does not send these orders, unless its view of the state is old.
 #[test]
 #[cfg_attr(miri, ignore = "arms in closed loop")]
 fn an_experiment_is_begun_alone_and_pulses_without_a_wall_only() {
@@ -66,7 +65,7 @@ fn an_experiment_is_begun_alone_and_pulses_without_a_wall_only() {
     assert_eq!(bench.order(bench.hit()), Err(Refusal::Busy));
 }
 
-/// Its bits are checked with each output.
+/// Without an experiment each output sets the push to zero again.
 #[test]
 #[cfg_attr(miri, ignore = "arms in closed loop")]
 fn the_push_of_no_experiment_is_none_whatever_it_has_become() {
@@ -85,6 +84,7 @@ fn an_order_that_came_otherwise_is_refused() {
     assert!(matches!(event, Event::Answer(Err(Refusal::Faulted(Fault::Memory)))), "{event:?}");
 }
 
+/// When the answer comes, the force is off: with a hit, without a hit, off before, and with a fault.
 #[test]
 fn disarm_is_answered_with_the_force_off() {
     for case in 0..4 {
@@ -130,7 +130,7 @@ fn settings_are_exchanged_whole_counted_and_refused_where_they_would_throw() {
     assert_eq!(now, DEVICE.control(&bench.stored).unwrap().after(&before));
     assert_ne!(now.estimator, DEVICE.control(&bench.stored).unwrap().estimator);
     assert_eq!(bench.sampling.commands.len(), commands);
-    // a wall where the handle is
+    // a wall at the handle's position
     let kept = bench.renderer.parameters;
     bench.stored.settings.wall.position_m = -0.03;
     let refused = bench.order(DEVICE.order(&bench.stored).unwrap());
@@ -211,7 +211,7 @@ fn the_black_box_keeps_a_fault_until_a_clear_that_is_met() {
     assert!(!bench.renderer.history.is_frozen());
 }
 
-/// A fault is written to the memory, and erased at `clear`.
+/// The fault is written to the memory once, and erased at `clear`.
 #[test]
 fn what_the_backup_memory_is_to_hold_is_said_once() {
     let mut bench = Bench::new();
@@ -259,7 +259,7 @@ fn a_motor_that_has_worked_is_warm() {
     assert!(bench.renderer.experiments.parts().duty.per_mille() > 0);
 }
 
-/// All facts that a board senses, compared with their meaning.
+/// All facts that a board senses, and what they mean.
 #[test]
 fn inputs_tell_a_stop_from_a_debugger_from_a_cut() {
     let found = FaultSet::EMPTY.with(Fault::Registers);
@@ -279,7 +279,7 @@ fn inputs_tell_a_stop_from_a_debugger_from_a_cut() {
             false,
             Inputs { stop_closed: false, ..held },
         ),
-        // while off, a stop that is over does not count
+        // while the output is off, a past stop does not count
         (Sensed { was_stopped: true, switched_on: false, ..GOOD }, false, held),
         (
             Sensed { supply_good: false, enabled: false, ..GOOD },
@@ -294,11 +294,11 @@ fn inputs_tell_a_stop_from_a_debugger_from_a_cut() {
             Inputs { halted: true, ..held },
         ),
         (Sensed { halted: true, switched_on: false, ..GOOD }, false, held),
-        // enable has dropped, without a reason
+        // enable is inactive, without a reason
         (Sensed { enabled: false, ..GOOD }, false, Inputs { halted: true, ..held }),
         (Sensed { enabled: false, ..GOOD }, true, held),
         (Sensed { enabled: false, switched_on: false, ..GOOD }, false, held),
-        // the board has dropped enable, and gives the reason
+        // the board has switched enable off, and gives the reason
         (Sensed { enabled: false, found, ..GOOD }, false, Inputs { found, ..held }),
     ] {
         assert_eq!(Inputs::of(sensed, cut, true), expected, "{sensed:?} {cut}");

@@ -1,4 +1,4 @@
-//! Another output period, with the sampling task beside the renderer.
+//! A change of the output period, with the task `sample` beside the renderer.
 
 use super::*;
 use crate::{
@@ -9,7 +9,6 @@ use crate::{
     velocity::Senses,
 };
 
-/// State of the sampling task.
 struct ToSample {
     parameters: LoopParameters,
     down: GuardCommand,
@@ -27,7 +26,7 @@ impl Sampling for ToSample {
     fn turn_encoder(&mut self, _: bool) {}
 }
 
-/// Both tasks on a handle of 0.4 kg that nothing else moves.
+/// Both tasks, and a handle of 0.4 kg that only the motor moves.
 struct Tasks {
     renderer: Renderer<4>,
     sampler: GuardedSampler,
@@ -39,11 +38,11 @@ struct Tasks {
     force: Force,
     place: f64,
     speed: f64,
-    /// Outputs: number of the sample, force.
+    /// Outputs: number of the sample, and force.
     outputs: Vec<(u64, i32)>,
-    /// The output task does not run.
+    /// The task `render` does not run.
     stuck: bool,
-    /// Samples since then, when the sampling task cut.
+    /// Samples from then until the task `sample` cut the output.
     cut_after: Option<u32>,
     since: u32,
 }
@@ -122,7 +121,7 @@ impl Tasks {
         }
     }
 
-    /// In the order in which the console sends them.
+    /// Orders the period as the console does: first its plan, then the parameters.
     fn set_period(&mut self, stored: &Stored) {
         self.orders.push(Order::Period(DEVICE.period(stored).unwrap()));
         self.orders.push(DEVICE.order(stored).unwrap());
@@ -157,8 +156,8 @@ fn a_change_of_period_is_no_late_output_and_sets_the_distance_of_the_outputs() {
     }
 }
 
-/// Sign test, ramp, and the beginning and the end of a push take the same time at every period, and in a millisecond
-/// the force changes by at most 5 %.
+/// Sign test, ramp, and the rise and the fall of a push take the same time at every period. In a millisecond the force
+/// changes by at most 5 %.
 #[test]
 #[cfg_attr(miri, ignore = "arms four times")]
 fn arming_and_fading_take_their_time_at_every_period() {
@@ -178,7 +177,7 @@ fn arming_and_fading_take_their_time_at_every_period() {
         assert_eq!(state_after(&mut tasks, 50), State::RampIn, "{period}");
         assert_eq!(state_after(&mut tasks, 1_950), State::RampIn, "{period}");
         assert_eq!(state_after(&mut tasks, 50), State::Armed, "{period}");
-        // with the force on it is refused, and nothing changes
+        // with the force on the change is refused, and nothing changes
         tasks.answers.clear();
         tasks.set_period(&Stored { period: if period == 1 { 10 } else { 1 }, ..stored });
         tasks.run(30);
@@ -206,8 +205,8 @@ fn arming_and_fading_take_their_time_at_every_period() {
     }
 }
 
-/// A missing output is switched off one period and a sample after it was due, at every period. 10 ms without an output
-/// are a stuck task.
+/// A missing output is switched off one period and a sample after it was due, at every period. A task without an output
+/// for 10 ms is stuck.
 #[test]
 #[cfg_attr(miri, ignore = "arms eight times")]
 fn a_late_output_is_cut_in_its_time_and_ten_milliseconds_are_stuck_at_every_period() {
@@ -226,7 +225,7 @@ fn a_late_output_is_cut_in_its_time_and_ten_milliseconds_are_stuck_at_every_peri
             }
             tasks.stuck = true;
             tasks.run(samples);
-            // missing after a period, found after another, cut with that sample or the next
+            // missing after a period, found after another one, cut with this sample or the next one
             let cut = tasks.cut_after.unwrap();
             assert!((2 * period..=2 * period + 1).contains(&cut), "{period}: {cut}");
             tasks.stuck = false;

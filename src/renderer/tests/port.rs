@@ -1,4 +1,4 @@
-//! The account of the port, compared with sums over the reported values.
+//! The energy account of the port, compared with sums over the reported values.
 
 use super::*;
 use crate::safety::SafetySettings;
@@ -11,7 +11,7 @@ impl Bench {
         self.run(50);
     }
 
-    /// In a hit on a wall of that stiffness, through these positions at the outputs.
+    /// Energies of a hit on a wall of that stiffness, with these positions at the outputs.
     fn exchanged(mut self, stiffness_n_per_m: f64) -> (i64, i64) {
         self.in_front_of_a_wall(stiffness_n_per_m);
         self.met(self.hit());
@@ -68,7 +68,7 @@ fn with_the_controller_a_contact_gives_at_most_the_reserve() {
     assert!(plain > reserve && given <= reserve, "{plain} {given} {reserve}");
 }
 
-/// A zero renames the place, which is no motion. With the force off nothing is booked.
+/// `zero` renames the position, which is no motion. With the force off the account does not change.
 #[test]
 fn a_zero_and_an_end_of_the_force_book_nothing() {
     let mut bench = Bench::armed();

@@ -1,9 +1,10 @@
-//! Which walls the simulator predicts to be stable: for each design, or estimator and cutoff, and each output period.
+//! The envelope: walls that the simulator predicts to be stable. There is a table for each design, or estimator and
+//! cutoff, at each output period.
 //!
-//! The table is a part of the [device record](crate::device::record), for the record's device and latency. At each B it
-//! has an interval of K, and not only its upper end: at large B a soft wall chatters where a stiffer one is stable. A
-//! wall outside is refused until the envelope is unlocked. So is every wall of a key that the table does not have,
-//! because nothing is known about it.
+//! The tables are a part of the [device record](crate::device::record), for the record's device and latency. At each B
+//! a table has an interval of K, because at large B a soft wall chatters where a stiffer one is stable. A wall outside
+//! is refused until the envelope is unlocked. A key without a table has no known wall, so every wall is refused there
+//! too.
 
 mod words;
 
@@ -17,46 +18,46 @@ use words::Rows;
 pub struct Point {
     /// Damping B of these walls, N s/m.
     pub damping_n_s_per_m: f64,
-    /// Lowest K, N/m; 0 if the softest wall that was tried is stable.
+    /// Lowest K, N/m. 0 if the softest wall of the study is stable.
     pub stiffness_low_n_per_m: f64,
-    /// Highest K, N/m; 0 if none is stable.
+    /// Highest K, N/m. 0 if no wall is stable.
     pub stiffness_high_n_per_m: f64,
 }
 
-/// Estimator, cutoff, period and design for which a boundary holds.
+/// Key of a boundary: estimator, cutoff, period and design.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key {
-    /// Estimator that it holds for.
+    /// Estimator of the boundary.
     pub estimator: EstimatorName,
     /// Nominal cutoff of the estimator, Hz.
     pub cutoff_hz: f64,
     /// Samples from output to output.
     pub period: u32,
-    /// Number of the [design](crate::device::designs) that equals the estimator with all of its parameters; 0: no
-    /// design, and the estimator's further parameters are at their defaults.
+    /// Number of the [design](crate::device::designs) that equals the estimator with all of its parameters. 0: no
+    /// design, and the further parameters have their defaults.
     pub design: u8,
 }
 
-/// The boundary for one key, to make a table of.
+/// The boundary for one key, from which a table is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Boundary<'a> {
-    /// Key for which it holds.
+    /// Key of the boundary.
     pub key: Key,
     /// Points by rising B.
     pub points: &'a [Point],
 }
 
-/// All boundaries of a device, as words of its record: see [`words`](self) for their layout.
+/// All boundaries of a device, as words of its record. [`words`](self) has their layout.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Envelope<'a> {
-    /// Words of whole boundaries, checked.
+    /// Words of complete boundaries, checked.
     words: &'a [u32],
 }
 
 /// Why a wall is refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outside {
-    /// The table says nothing about this estimator, cutoff and output period.
+    /// The envelope has no table for this estimator, cutoff and output period.
     UnknownKey,
     /// B is beyond the last point, N s/m.
     Damping {
@@ -77,7 +78,7 @@ pub enum Outside {
 }
 
 impl Outside {
-    /// What is wrong, without the numbers.
+    /// What is wrong, without numbers.
     pub const fn text(self) -> &'static str {
         match self {
             Self::UnknownKey => "no envelope for this device, estimator, cutoff and output period",
@@ -88,7 +89,7 @@ impl Outside {
         }
     }
 
-    /// The lowest and the highest value that would do.
+    /// The lowest and the highest allowed value.
     pub const fn allowed(self) -> Option<[f64; 2]> {
         match self {
             Self::Damping { highest } => Some([0.0, highest]),
@@ -107,7 +108,7 @@ impl fmt::Display for Outside {
     }
 }
 
-/// Two cutoffs this close are equal, because both come from decimal numbers.
+/// Cutoffs with a smaller relative difference are equal, because both come from decimal numbers.
 const SAME: f64 = 1e-9;
 
 fn same(a: f64, b: f64) -> bool {
@@ -115,26 +116,25 @@ fn same(a: f64, b: f64) -> bool {
 }
 
 impl<'a> Envelope<'a> {
-    /// Nothing is known: every wall is refused.
+    /// The envelope without tables: every wall is refused.
     pub const EMPTY: Self = Self { words: &[] };
 
-    /// The same for equal words, and almost certainly another one for others.
+    /// Hash of the words. Other words almost certainly have another hash.
     pub fn hash(&self) -> u32 {
         crc::of_words(self.words)
     }
 
-    /// Whether the wall with K = `k` N/m and B = `b` N s/m is predicted to be stable.
+    /// Checks that the wall with K = `k` N/m and B = `b` N s/m is predicted to be stable.
     ///
-    /// Between two points a K is allowed if both points allow it; the line between them is not used. Below
-    /// the first B the limit is the line from K = 0 at B = 0 to the first point. The boundary there is no
-    /// lower than this chord, because K rises from at least 0 with a slope that falls. If the first point
-    /// has a lowest K, nothing is known below it. A wall without K and B exerts no force and is always
-    /// allowed.
+    /// Between two points a K is allowed if both points allow it. The line between them is not used. Below the first B
+    /// the limit is the line from K = 0 at B = 0 to the first point. The boundary there is not below this line, because
+    /// K rises from at least 0 with a falling slope. If the first point has a lowest K, no wall below its B is known. A
+    /// wall without K and B exerts no force and is always allowed.
     ///
     /// # Errors
-    /// Says what is allowed.
+    /// Says which values are allowed.
     pub fn allows(&self, key: &Key, k: f64, b: f64) -> Result<(), Outside> {
-        // A NaN is not at least 0.
+        // A NaN is not >= 0.
         if !(k >= 0.0 && b >= 0.0) {
             return Err(Outside::NotAWall);
         }
@@ -216,7 +216,7 @@ mod tests {
         point(50.0, 0.0, 0.0),
     ];
 
-    /// What a table of those points says.
+    /// The answer of a table with those points.
     fn of(points: &[Point], key: &Key, k: f64, b: f64) -> Result<(), Outside> {
         let mut words = [0; 64];
         let words = Envelope::put(&[Boundary { key: KEY, points }], &mut words).unwrap();

@@ -5,20 +5,18 @@
 //!           samples per output, rows,
 //!           then per row, by rising B: B, lowest K, highest K, each an f32
 //! ```
-//! Intervals are rounded inward, so the words allow no wall that the table did not. A boundary is skipped if this build
-//! lacks its estimator.
+//! Intervals are rounded inward, so the words allow no wall that the table does not allow. A boundary is skipped if
+//! this build lacks its estimator.
 
 use super::{Boundary, Envelope, Key, Point};
 use crate::velocity::EstimatorName;
 
 /// Words before the rows of a boundary.
 const HEAD: usize = 5;
-/// Where the number of a design begins in a boundary's first word.
+/// Lowest bit of the design's number in a boundary's first word.
 const DESIGN: u32 = 16;
-/// Words of a row.
 const ROW: usize = 3;
 
-/// The rows of a boundary.
 #[derive(Clone, Copy)]
 pub(super) struct Rows<'a>(&'a [[u32; ROW]]);
 
@@ -56,7 +54,7 @@ fn split(words: &[u32]) -> Option<Split<'_>> {
 }
 
 impl<'a> Envelope<'a> {
-    /// The table in those words; none if they are not whole boundaries with finite rows by rising B.
+    /// The table in those words. `None` if they are not complete boundaries with finite rows by rising B.
     pub fn read(words: &'a [u32]) -> Option<Self> {
         let mut rest = words;
         while !rest.is_empty() {
@@ -69,7 +67,7 @@ impl<'a> Envelope<'a> {
         Some(Self { words })
     }
 
-    /// Writes those boundaries to the front of `words`; what is written, or none if there is no room.
+    /// Writes those boundaries to the front of `words`. Returns the written words, or `None` without room.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "halves, and values that are rounded to f32"
@@ -100,7 +98,7 @@ impl<'a> Envelope<'a> {
         words.get(..length)
     }
 
-    /// The boundaries of estimators that this build has.
+    /// Boundaries whose estimator this build has.
     pub(super) fn tables(&self) -> impl Iterator<Item = (Key, Rows<'a>)> + use<'a> {
         let mut rest = self.words;
         core::iter::from_fn(move || {
@@ -116,8 +114,8 @@ impl<'a> Envelope<'a> {
     }
 }
 
-/// This range rounded inward. If no f32 is inside, as with a single stiffness, it becomes the f32 next to it: it is
-/// known only to one step of the walk, which is far larger.
+/// This range rounded inward. If no f32 is inside, as with a single stiffness, both ends become the next f32. This is
+/// allowed, because the stiffness is known only to one step of the walk, which is far larger.
 #[expect(clippy::cast_possible_truncation, reason = "rounded")]
 fn inward(low: f64, high: f64) -> (f32, f32) {
     let (inside, top) = (above(low), below(high));
@@ -182,11 +180,11 @@ mod tests {
             let value = 1.0 + part * ulp;
             assert_eq!((above(value), below(value)), (1.0 + f32::EPSILON, 1.0), "{part}");
         }
-        // If one f32 is inside, it is that one, although the upper end is nearer to the next.
+        // If one f32 is inside, both ends become this f32, although the upper end is nearer to the next one.
         assert_eq!(inward(1.0, 1.0 + 0.9 * ulp), (1.0, 1.0));
     }
 
-    /// A row of a rotary device has one stiffness that f32 does not hold.
+    /// The row of a rotary device has one stiffness. No f32 is equal to it.
     #[test]
     fn a_row_of_a_single_stiffness_keeps_it() {
         let k = 13_074.827_751_962_837;

@@ -1,4 +1,4 @@
-//! The half of the supervisor that runs for every output.
+//! The part of the supervisor that runs for every output.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -22,26 +22,26 @@ use crate::{
     units::{Demand, Force, Position},
 };
 
-/// Request of an experiment. The [`Supervisor`] decides which part of it acts.
+/// A request of an experiment. The [`Supervisor`] decides how much of it acts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Proposal {
     /// Force into the wall.
     pub push: Force,
-    /// The handle is held on purpose, as in a calibration: a push without motion is then no sign of a dead encoder.
+    /// The handle is held on purpose, as in a calibration. A push without motion is then no sign of a dead encoder.
     pub still: bool,
 }
 
-/// One output under supervision: what goes to the hardware, and its record. Everything else stays in the
-/// [`Supervisor`], because copying it before the hardware is written would add latency.
+/// One output under supervision: the command for the hardware, and its record. All other data stay in the
+/// [`Supervisor`]. To copy them before the hardware is written would add latency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rendered {
-    /// What the output may do.
+    /// Command for the output.
     pub grant: OutputCommand,
-    /// For telemetry and black box. `settings` is left 0.
+    /// Record for telemetry and black box. `settings` is left 0.
     pub record: Record,
 }
 
-/// The half of the supervisor that runs for every output. Owned by the rendering task.
+/// The part of the supervisor that runs for every output. The task `render` owns it.
 #[derive(Clone, Copy, Debug)]
 pub struct Supervisor {
     plan: Doubled<SafetyPlan>,
@@ -50,37 +50,35 @@ pub struct Supervisor {
     /// Outputs since the ramp began.
     ramp: u32,
     fade: Option<GainFade>,
-    /// The account of the wall's port.
+    /// The energy account of the wall's port.
     port: PassiveWall,
-    /// The passivity controller has changed the last force.
+    /// Whether the passivity controller has changed the last force.
     withheld: bool,
     watch: StuckEncoder,
     speed: SpeedWatch,
-    /// The grant of the last output.
     last: OutputCommand,
     fault: Option<FaultRecord>,
     causes: FaultSet,
     present: FaultSet,
     /// [`Guard::events`] at the last output.
     seen: u32,
-    /// Number of zeros carried out, as the last output knows it.
+    /// Number of zeroings that were carried out up to the last output.
     zeros: u32,
     zeroed: bool,
     unlocked: Doubled<bool>,
     contact: bool,
-    /// In contact with a wall that has a force: a handle may lean on it.
+    /// Whether the handle is in contact with a wall that has a force. The handle may lean on it.
     resting: bool,
-    /// A handle at count 0 would be in the wall.
+    /// Whether a handle at count 0 would be in the wall.
     wall_over_zero: bool,
     inputs: Inputs,
-    /// Record of the last output.
     record: Record,
     down: GuardCommand,
     memory: Option<MemoryUpdate>,
 }
 
 impl Supervisor {
-    /// Off, or in the fault with which the last run ended.
+    /// A supervisor that is off, or in the fault of the last run.
     pub fn new(plan: SafetyPlan, boot: Option<FaultRecord>) -> Self {
         Self {
             plan: Doubled::new(plan),
@@ -110,9 +108,9 @@ impl Supervisor {
         }
     }
 
-    /// The output that answers `up`, with the guard's findings: as much of the requests of experiment and wall as may
-    /// act. `control` must be that of the same sample. Write the output, then publish [`down`](Self::down), and store
-    /// what [`take_memory_update`](Self::take_memory_update) returns.
+    /// The output for the sample of `up`: as much of the requests of experiment and wall as may act. `guard` has the
+    /// guard's findings. `control` must belong to the same sample. Write the output, then publish [`down`](Self::down),
+    /// and store the result of [`take_memory_update`](Self::take_memory_update).
     #[inline]
     pub fn grant(
         &mut self,
@@ -122,7 +120,7 @@ impl Supervisor {
         (proposal, drive): (Proposal, Drive),
         inputs: Inputs,
     ) -> Rendered {
-        // Check the state before it changes, because a change writes both copies again.
+        // Check the state before it changes: a change writes both copies.
         let found = inputs.found.with_if(Fault::Memory, !self.state.is_whole());
         let inputs = Inputs { found, ..inputs };
         self.inputs = inputs;
@@ -155,7 +153,8 @@ impl Supervisor {
         Rendered { grant, record }
     }
 
-    /// Books the wall's force for the time from the last output on. Call it after that output is written.
+    /// Adds the wall's force to the energy account, for the time from the last output on. Call it after this output is
+    /// written.
     #[inline]
     pub fn book(&mut self) {
         let acts = matches!(*self.state, State::RampIn | State::Armed);
@@ -168,19 +167,19 @@ impl Supervisor {
         self.port.gives(0, wall, acts && self.contact, self.record.position);
     }
 
-    /// What wall and hand have exchanged.
+    /// Energy that wall and hand have exchanged.
     #[inline]
     pub fn exchanged(&self) -> Exchanged {
         self.port.port().exchanged()
     }
 
-    /// Sets [`Exchanged::given`] back.
+    /// Resets [`Exchanged::given`].
     #[inline]
     pub fn forget_given(&mut self) {
         self.port.forget();
     }
 
-    /// Its state, for the link.
+    /// The supervisor's state, for the link.
     pub fn status(&self) -> Status {
         Status {
             state: *self.state,
@@ -204,26 +203,27 @@ impl Supervisor {
             && !(self.fault.is_some() && self.state.is_on())
     }
 
-    /// Whether the sampling task has switched off by itself.
+    /// Whether the task `sample` has switched off by itself.
     pub fn is_cut(&self, up: &SampleReport, guard: &Guard) -> bool {
         !up.present.is_empty() || guard.events != self.down.acknowledged
     }
 
-    /// For the sampling task, as the last output or [`request`](Self::request) left it. Publish it after the output
-    /// hardware is written. Publish it at once if a request must not wait for the next output: a stall, a zero.
+    /// The command for the task `sample`, after the last output or [`request`](Self::request). Publish it after the
+    /// output hardware is written. If a request must not wait for the next output (a stall, a zero), publish it at
+    /// once.
     #[inline]
     pub fn down(&self) -> GuardCommand {
         self.down
     }
 
-    /// A change of the backup RAM, in the rare case that there is one. Ask after every output.
+    /// A change of the backup RAM, if there is one, which is rare. Call it after every output.
     #[inline]
     pub fn take_memory_update(&mut self) -> Option<MemoryUpdate> {
         self.memory.take()
     }
 
-    /// Keeps the first fault, notes later ones. A kept fault with the force on is only a flipped bit, so it is
-    /// replaced.
+    /// Keeps the first fault, and notes later ones. If a fault is kept although the force is on, a bit has flipped.
+    /// Then the fault is replaced.
     #[inline]
     fn trip(&mut self, record: Option<FaultRecord>) {
         let Some(record) = record else {
@@ -240,13 +240,13 @@ impl Supervisor {
         self.unlocked.set(false);
     }
 
-    /// A zero is asked for that `sample` has not carried out yet.
+    /// Whether a zeroing was requested that `sample` has not carried out yet.
     fn zero_pending(&self) -> bool {
         self.down.zeros.number() != self.zeros
     }
 
-    /// Notes a zero that `sample` has carried out. The zero renamed the motion, so a change has to start from the force
-    /// of the last output.
+    /// Notes a zeroing that `sample` has carried out. It renamed the motion. So a change must start from the force of
+    /// the last output, which this returns.
     fn follow_zero(&mut self, guard: &Guard) -> Option<Force> {
         if guard.zeros == self.zeros {
             return None;
@@ -256,7 +256,7 @@ impl Supervisor {
         self.last.force()
     }
 
-    /// Latches every fault that is there.
+    /// Latches every present fault.
     #[inline]
     fn look(
         &mut self,
@@ -272,7 +272,7 @@ impl Supervisor {
             .with_if(Fault::BrownOut, !inputs.supply_good)
             .with_if(Fault::Settings, !inputs.settings_valid)
             .with_if(Fault::Debugger, inputs.halted);
-        // With the force off these only prevent `arm`; after their own fault they prevent `clear`.
+        // With the force off these causes only prevent `arm`. After their own fault they prevent `clear`.
         let relevant = if on { outside } else { outside.without(outside.without(self.causes)) };
         let found = up.present.union(inputs.found);
         let found = found.with_if(Fault::OutOfRange, !up.motion.position.in_range());
@@ -302,7 +302,7 @@ impl Supervisor {
         }
     }
 
-    /// Many outputs in a row were late; the guard has found each of them.
+    /// The fault of many late outputs in a row. The guard has found each of them.
     #[inline]
     fn stuck(&self, motion: Motion) -> FaultSet {
         let behind = motion.number().wrapping_sub(self.down.rendered);
@@ -310,7 +310,7 @@ impl Supervisor {
         FaultSet::EMPTY.with_if(Fault::StuckRender, stuck)
     }
 
-    /// A record of `causes` with the present circumstances, named after the first cause.
+    /// A record of `causes` with the present circumstances. Its fault is the first cause.
     #[inline]
     fn here(&self, motion: Motion, causes: FaultSet) -> Option<FaultRecord> {
         causes.first().map(|fault| FaultRecord {
@@ -324,7 +324,7 @@ impl Supervisor {
         })
     }
 
-    /// The force that may act now, if any may.
+    /// The force that may act now; none if no force may act.
     #[inline]
     fn force(
         &mut self,
@@ -361,9 +361,9 @@ impl Supervisor {
         Some(self.within_port(force, pushed, (drive.contact, up.motion.position)))
     }
 
-    /// This force, scaled by the progress of the ramp.
+    /// `full`, scaled by the progress of the ramp.
     fn ramped(&mut self, full: Force) -> Force {
-        // The step from the sign test's force to 0 takes up the first millisecond.
+        // The step from the sign test's force to 0 uses the first millisecond.
         let ramped = self.ramp.saturating_sub(self.plan.per_ms - 1);
         if ramped >= self.plan.ramp_renders {
             self.state.set(State::Armed);
@@ -375,7 +375,8 @@ impl Supervisor {
         Demand::from_bits(force).saturate().0
     }
 
-    /// `force` as limited by the wall's passivity controller, if there is one: between `force` and `push`.
+    /// `force` after the limit of the wall's passivity controller, if there is one. The result is between `force` and
+    /// `push`.
     #[inline]
     fn within_port(&mut self, force: Force, push: Force, at: (bool, Position)) -> Force {
         self.withheld = false;

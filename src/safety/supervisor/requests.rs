@@ -1,4 +1,4 @@
-//! Requests between two outputs: arm, disarm, clear, zero, unlock, and what may be exchanged meanwhile.
+//! Requests between two outputs (arm, disarm, clear, zero, unlock), and the check of new settings.
 
 use core::num::NonZeroU32;
 
@@ -9,10 +9,10 @@ use super::{
 use crate::{LoopParameters, units::Force};
 
 impl Supervisor {
-    /// Meets a request between two outputs, or refuses it.
+    /// Carries out a request between two outputs, or refuses it.
     ///
     /// # Errors
-    /// Returns why not; nothing has changed then.
+    /// The reason of a refusal. Nothing has changed then.
     pub fn request(&mut self, request: Request) -> Result<(), Refusal> {
         match request {
             Request::Arm => self.arm(),
@@ -54,9 +54,9 @@ impl Supervisor {
         }
     }
 
-    /// Prepares another output period, which comes into force with the next parameters if
-    /// [`may_change`](Self::may_change) allows it. The next output is still due by the old period. The guard has the
-    /// new one by then, and must not find that output late.
+    /// Prepares another output period. It comes into force with the next parameters, if
+    /// [`may_change`](Self::may_change) allows it. The next output is still due by the old period. By then the guard
+    /// has the new period, and must not find this output late.
     #[inline(never)] // once in a while, and not to be in the way of what comes with every output
     pub fn set_period(&mut self, old: NonZeroU32, new: NonZeroU32) {
         self.plan.set(self.plan.at(new.get()));
@@ -64,14 +64,14 @@ impl Supervisor {
         self.down.rendered = self.down.rendered.wrapping_add(old.get()).wrapping_sub(new.get());
     }
 
-    /// Whether settings may be exchanged between this output and the next sample. Gains always may, because
-    /// their change fades in. The wall's place and the velocity's estimator may not change in contact (the link
-    /// knew only an older output). A wall must not be put where the handle is, because it would throw the handle
-    /// out.
+    /// Checks that settings may change between this output and the next sample. Gains may always change, because their
+    /// change fades in. The wall's position and the velocity estimator may not change in contact. This is checked here,
+    /// because the link only knew an older output. A wall must not be put over the handle, because it would throw the
+    /// handle out.
     ///
     /// # Errors
-    /// In contact, before or after the change; or a zero is under way, so that the handle's position from the next
-    /// sample on is not known.
+    /// The handle is in contact, before or after the change. Or a zero is pending, so that the handle's position from
+    /// the next sample on is not known.
     pub fn may_change(&self, from: &LoopParameters, to: &LoopParameters) -> Result<(), Refusal> {
         let moved = from.wall.surface() != to.wall.surface();
         let same = from.estimator == to.estimator && from.period == to.period && !moved;
@@ -94,7 +94,7 @@ impl Supervisor {
         if self.down.stall {
             return Err(Refusal::Stalled);
         }
-        // The handle's position after the zero is not known yet; it may be in a wall.
+        // The handle's position after the zero is not known yet. It may be in a wall.
         if self.zero_pending() {
             return Err(Refusal::Zeroing);
         }

@@ -1,10 +1,10 @@
-//! What fades has steps of at most 5 %, and never changes the sign of the wall's force.
+//! A fade has steps of at most 5 %, and never changes the sign of the wall's force.
 
 use super::*;
 use crate::units::Position;
 use proptest::prelude::*;
 
-/// Armed, held by a hand 100 counts deep in a wall of that stiffness.
+/// Armed. A hand holds the handle 100 counts deep in a wall of that stiffness.
 pub fn in_the_wall(stiffness_n_per_m: f64) -> Bench {
     let mut bench = Bench::armed();
     bench.held = true;
@@ -71,8 +71,8 @@ fn a_change_while_the_ramp_comes_in_steps_by_no_more_than_five_per_cent() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(if cfg!(miri) { 1 } else { 64 }))]
 
-    /// Gains change at any output, and a hand moves the handle in and out. Outside the wall there is only the push.
-    /// Inside, the force never exceeds the push.
+    /// Gains change at any output. A hand moves the handle in and out. Outside the wall there is only the push. Inside,
+    /// the force never exceeds the push.
     #[test]
     fn no_fading_gain_pulls_or_pushes_out_of_a_wall_that_is_left(
         push in -(1i32 << 29)..1 << 29,

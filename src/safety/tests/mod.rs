@@ -1,4 +1,4 @@
-//! Guard and supervisor together, as in the tasks.
+//! Guard and supervisor together, as in the two tasks.
 
 use super::{plan::tests::*, *};
 use crate::{
@@ -42,12 +42,12 @@ struct Bench {
     supervisor: Supervisor,
     down: GuardCommand,
     push: Force,
-    /// The handle is held on purpose.
+    /// Whether the handle is held on purpose.
     still: bool,
     inputs: Inputs,
-    /// Outputs that the rendering task misses from now on.
+    /// Outputs that the task `render` misses from now on.
     missing: u32,
-    /// Samples by which the next output is late, and the output that is asked for.
+    /// Samples by which the next output is late. The next field: the requested output.
     delay: u32,
     asked: Option<(u32, Step)>,
     /// The encoder does not count.
@@ -59,7 +59,7 @@ struct Bench {
     position_m: f64,
     velocity_m_per_s: f64,
     offset: u32,
-    /// State of the hardware: the last grant, unless the sampling task cut it.
+    /// State of the hardware: the last grant, unless the task `sample` cut it.
     output: Option<Force>,
     last: Option<Rendered>,
     updates: Vec<MemoryUpdate>,
@@ -92,7 +92,7 @@ impl Bench {
         }
     }
 
-    /// One sample; returns what the guard saw.
+    /// Runs one sample. Returns the guard's result.
     fn sample(&mut self) -> Step {
         #[expect(clippy::cast_possible_truncation, reason = "a few metres at most")]
         let count = (self.position_m / 1e-6).floor() as i32;
@@ -169,7 +169,7 @@ impl Bench {
         self.supervisor.status().fault.map(|record| record.fault)
     }
 
-    /// Zeroed, armed, ramp over; once for all tests, because it takes Miri many seconds.
+    /// A bench with zero, armed, ramp over. It is made once for all tests, because it takes Miri many seconds.
     fn armed() -> Self {
         static ARMED: OnceLock<Bench> = OnceLock::new();
         let bench = ARMED.get_or_init(|| {

@@ -7,7 +7,6 @@ use crate::{
 };
 use proptest::prelude::*;
 
-/// Anything that may happen between two samples.
 #[derive(Clone, Debug)]
 enum Event {
     Ask(Request),
@@ -81,12 +80,12 @@ impl Bench {
                     Request::Turn => (Command::MotorReversed(true), false),
                     _ => (Command::Help, false),
                 };
-                // What the link refuses is refused here too, but `arm` waits for a zero that is under way.
+                // Commands that the link refuses are refused here too. But `arm` waits for a pending zero.
                 match allowed(&command, &now) {
                     Err(Refusal::NotZeroed) => {}
                     Err(_) => assert!(result.is_err(), "{request:?}"),
                     Ok(()) => {
-                        // What the link cannot know.
+                        // Refusals that the link cannot predict.
                         let newer = [Err(Refusal::WallThere), Err(Refusal::Zeroing)];
                         let known = result.is_ok() || newer.contains(&result);
                         assert!(known || same || command == Command::Help, "{result:?}");
@@ -141,9 +140,9 @@ const WALLS: usize = if cfg!(miri) { 3 } else { 20 };
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(CASES))]
 
-    /// The main property. Over any sequence of events and commands, force acts only while the supervisor is on, at most
-    /// 5 % of it before the sign test is passed, and never while a fault is latched or the guard cuts. The state armed
-    /// is reached only through sign test and ramp.
+    /// The main property, over any sequence of events and commands. Force acts only while the supervisor is on. Before
+    /// the sign test is passed it is at most 5 %. It never acts while a fault is latched or the guard cuts. The state
+    /// armed is reached only through sign test and ramp.
     #[test]
     fn no_force_unless_armed(events in prop::collection::vec(event(), 1..EVENTS)) {
         let mut bench = Bench::new();
@@ -153,7 +152,7 @@ proptest! {
             for _ in 0..bench.happen(event) {
                 let step = bench.sample();
                 let status = bench.supervisor.status();
-                // With the sample, or with the output that it asks for; else with the next sample.
+                // Off with this sample, or with the output that it requests, or else with the next sample.
                 prop_assert!(!((found || step.cut) && bench.output.is_some()));
                 found = !step.report.present.is_empty();
                 prop_assert_eq!(status.fault.is_some(), status.state == State::Fault);
@@ -189,8 +188,8 @@ proptest! {
         }
     }
 
-    /// A random walk of gains and pushes while armed never changes the force by more than 5 % per output beyond the
-    /// change by motion. Here the handle is held in the wall, so there is no change by motion, and the wall stays.
+    /// A random walk of gains and pushes while armed. Beyond the change by motion, the force never changes by more than
+    /// 5 % per output. Here the handle is held in the wall, so there is no change by motion, and the wall stays.
     #[test]
     fn changes_are_ramped(
         walls in prop::collection::vec((0.0..1e6f64, -(1i32 << 30)..=1 << 30, 1u32..30), 1..WALLS)

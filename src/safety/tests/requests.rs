@@ -1,4 +1,4 @@
-//! Requests, and when each is refused.
+//! Requests, and their refusals.
 
 use super::*;
 
@@ -125,7 +125,8 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
     assert_eq!(bench.fault(), Some(Fault::CountJump));
 }
 
-/// A zero renames the handle only with a later sample: until then it is not known whether the handle is in a wall.
+/// After the command `zero`, only a later sample moves the origin of the position. Until then it is not known whether
+/// the handle is in a wall.
 #[test]
 fn while_a_zero_is_under_way_nothing_is_armed_and_no_wall_is_moved() {
     let mut bench = Bench::armed();
@@ -228,7 +229,7 @@ fn an_observer_under_guard_knows_the_force_last_granted() {
     assert!(told < 0.2 * untold, "{told} {untold}");
 }
 
-/// The surface itself is free: a wall may be put right before the handle, but not one count farther.
+/// At the surface itself a handle is free. So a wall may be put right before the handle, but not one count farther.
 #[test]
 fn a_wall_may_be_put_before_the_handle_and_not_over_it() {
     let mut bench = Bench::armed();
@@ -242,7 +243,7 @@ fn a_wall_may_be_put_before_the_handle_and_not_over_it() {
     }
 }
 
-/// The record of each output, from off to armed, and while a wall changes.
+/// The record of each output, from off to armed, and during a change of the wall.
 #[test]
 fn flags_tell_armed_and_changing() {
     use crate::telemetry::Flags;

@@ -23,7 +23,7 @@ fn plan() -> SafetyPlan {
     SETTINGS.build(&DESIGN).unwrap()
 }
 
-/// This much above the limit.
+/// A force that is this much above the limit.
 fn above(bits: i32) -> Force {
     Force::saturating_from_bits(PUSH_FORCE + bits)
 }
@@ -32,12 +32,12 @@ fn out() -> Force {
     Force::saturating_from_bits(-PUSH_FORCE - 1)
 }
 
-/// Part of full scale.
+/// A force, from its part of full scale.
 fn part(part: f64) -> Force {
     Force::saturating_from_bits((part * f64::from(1 << Force::FRACTION_BITS)) as i32)
 }
 
-/// The output at which it fails, if it does within 200.
+/// Runs at most 200 outputs. Returns the output at which the check fails, if it does.
 fn fails_at(mut step: impl FnMut(u32) -> (Force, bool, i32)) -> Option<u32> {
     let mut watch = StuckEncoder::default();
     (0..200).find(|&n| {
@@ -52,7 +52,7 @@ fn a_dead_count_is_found_after_50_ms() {
     assert_eq!(fails_at(|_| (out(), false, 7)), Some(50));
 }
 
-/// Moving as far as the heaviest handle is enough; a count less is not.
+/// A count that moves as far as the heaviest handle passes. One count less fails.
 #[test]
 fn the_way_of_the_heaviest_handle_itself_is_enough() {
     for (moved, fails) in [(5, false), (4, true)] {
@@ -87,8 +87,8 @@ fn small_forces_contact_and_changes_of_direction_start_it_anew() {
     assert!((0..200).all(|_| !watch.failed(&plan(), None, false, Position::default())));
 }
 
-/// Positions at each output, counts: a handle of that mass and damping, from rest, under that part of full scale less
-/// 10 %.
+/// Positions at each output, counts. A handle of that mass and damping starts at rest, under that part of full scale
+/// less 10 %.
 fn moves(design: &Design, kg: f64, damping: f64, force: f64) -> impl FnMut(u32) -> i32 {
     let steps = 100;
     let step_s = design.period_s() / f64::from(steps);
@@ -115,7 +115,7 @@ fn a_count_that_moves_less_than_the_heaviest_handle_is_found() {
             (7.7, 105.0, None),
             (8.4, 115.0, Some(50)),
             (20.0, 0.0, Some(50)),
-            // as far at first, but not later
+            // moves as far at first, but not later
             (2.0, 140.0, Some(150)),
         ] {
             let mut place = moves(&DESIGN, kg, damping, force);
@@ -128,7 +128,7 @@ fn a_count_that_moves_less_than_the_heaviest_handle_is_found() {
         let drift = |n: u32| (part(0.5), false, sign * (n / 10).cast_signed());
         assert_eq!(fails_at(drift), Some(50));
     }
-    // An encoder that follows only a fiftieth from some time on.
+    // An encoder that follows only a fiftieth of the motion from some time on.
     let mut place = moves(&DESIGN, 0.416, 5.5195, 0.5);
     let from = 70;
     let (mut kept, mut last) = (0, 0);
@@ -141,7 +141,7 @@ fn a_count_that_moves_less_than_the_heaviest_handle_is_found() {
     assert!(at.is_some_and(|at| at - from <= 100), "{at:?}");
 }
 
-/// At any rate of the outputs it takes 50 ms and the same handle.
+/// At every output period the check takes 50 ms, with the same handle.
 #[test]
 #[cfg_attr(miri, ignore = "handles in steps of 1 us")]
 fn the_handle_is_the_same_at_every_period() {
@@ -186,11 +186,11 @@ fn no_plan_overflows_it() {
     }
 }
 
-/// The motor pushes until the handle is at the wall, or for a second. Returns whether that is found as a push without
-/// motion, and after which time, s. The handle is the paper's, with Coulomb friction. An arm (a mass with damper and
-/// spring to the ground, as a scene's `[arm]`) holds it with a grip, a spring and damper that is relaxed at the start:
-/// from a third of the values of the simulator's lighter, softer arm to three times those of the other one.
-/// Semi-implicit Euler, 10 kHz.
+/// The motor pushes until the handle is at the wall, or for a second. Returns whether this is found as a push without
+/// motion, and the time until then, s. The handle is the paper's, with Coulomb friction. An arm holds it: a mass with
+/// damper and spring to the ground, as a scene's `[arm]`. The grip between them is a spring and damper, relaxed at the
+/// start. The values of arm and grip go from a third of the simulator's lighter, softer arm to three times the other
+/// arm. The integrator is semi-implicit Euler at 10 kHz.
 fn push(random: &mut TestRng) -> (bool, f64) {
     const STEP_S: f64 = 1e-4;
     const MASS_KG: f64 = 0.416;

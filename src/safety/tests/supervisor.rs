@@ -1,4 +1,4 @@
-//! What only the supervisor's own state shows.
+//! Tests that need the supervisor's own state.
 
 use super::*;
 use crate::{
@@ -15,7 +15,7 @@ fn supervisor() -> Supervisor {
     Supervisor::new(SETTINGS.build(&DESIGN).unwrap(), None)
 }
 
-/// A change in any one of them is enough.
+/// A change of any single copy is enough.
 #[test]
 fn it_is_whole_until_a_copy_differs() {
     assert!(supervisor().is_whole());
@@ -50,7 +50,7 @@ fn it_is_whole_until_a_copy_differs() {
     assert!(!broken.is_whole());
 }
 
-/// An output that changes the state writes both of its copies again, so it checks them first.
+/// An output that changes the state writes both copies, so it must check them first.
 #[test]
 fn a_flipped_state_is_found_by_an_output_that_changes_it() {
     const STATES: [State; 5] =
@@ -87,7 +87,7 @@ fn a_flipped_state_is_found_by_an_output_that_changes_it() {
     }
 }
 
-/// By a report with a cause, or by events that `clear` has not dealt with.
+/// Cut by a report with a cause, or by events that `clear` has not covered.
 #[test]
 fn it_is_cut_by_what_is_there_or_was_not_cleared() {
     let mut supervisor = supervisor();
@@ -103,7 +103,7 @@ fn it_is_cut_by_what_is_there_or_was_not_cleared() {
     assert!(supervisor.is_cut(&quiet, &none));
 }
 
-/// The fault is named after the sampling task's first finding, not after the lowest code of all its findings.
+/// The fault is the first finding of the task `sample`, not the finding with the lowest code.
 #[test]
 fn a_fault_of_the_guard_is_named_after_what_it_found_first() {
     let mut supervisor = supervisor();
@@ -115,7 +115,7 @@ fn a_fault_of_the_guard_is_named_after_what_it_found_first() {
     assert_eq!((record.fault, record.causes), (Fault::OverSpeed, causes));
 }
 
-/// The ends of the travel belong to it.
+/// The ends of the travel are inside it.
 #[test]
 fn beyond_travel_is_beyond_its_ends() {
     for (counts, beyond) in [(200_000, false), (200_001, true), (-100_000, false), (-100_001, true)]
@@ -125,14 +125,14 @@ fn beyond_travel_is_beyond_its_ends() {
         let position = Position::from_counts(counts);
         let motion = Motion { sample: 0, position, velocity: Velocity::ZERO };
         let up = SampleReport { motion, present: FaultSet::EMPTY };
-        // The speed must not be found here: the handle was here before.
+        // No over-speed must be found here: the handle was here before.
         supervisor.look(&up, &Guard::NOTHING, GOOD, (false, true));
         let found = supervisor.status().fault.map(|record| record.fault);
         assert_eq!(found, beyond.then_some(Fault::BeyondTravel), "{counts}");
     }
 }
 
-/// A requested fault has the facts of the last output.
+/// A requested fault has the circumstances of the last output.
 #[test]
 fn a_trip_keeps_what_the_last_output_was() {
     let mut supervisor = supervisor();
@@ -152,7 +152,7 @@ fn a_trip_keeps_what_the_last_output_was() {
     assert_eq!(record.flags, supervisor.record.flags);
 }
 
-/// The caller is told of the bit, not of a fault that never was.
+/// The caller gets the fault of the bit, not a fault that never occurred.
 #[test]
 fn a_fault_that_a_bit_has_made_gives_way_to_what_found_it() {
     let mut broken = supervisor();
