@@ -2,7 +2,7 @@
 
 
 from . import block
-from .source import BOARDS, ENDS, constant, m, measured, number, power, rows, significant, table
+from .source import BOARDS, CLASSES, ENDS, constant, m, measured, number, power, rows, significant, table
 
 MHZ = {"nucleo-f446re": 180.0, "discovery-f407": 168.0}
 
@@ -276,6 +276,17 @@ def campaign_image():
             "off by something else", "force wrong for longer than a pass", "unnoticed", "wrong before, %, 95 %",
             "force wrong, ms, at most", "speed, m/s, at most", "off after, ms, at most"]
     return table(head, body)
+
+
+@block
+def campaign_sample():
+    """How flips in the data that `sample` keeps ended, both boards together."""
+    sums = {}
+    for row in rows("campaign-sample.csv") + rows("campaign-sample-estimators.csv"):
+        of_setup = sums.setdefault(row["setup"], [0] * 6)
+        sums[row["setup"]] = [was + int(row[name]) for was, name in zip(of_setup, ("flips", *CLASSES))]
+    head = ["set by", "flips", "no effect", "bounded", "off in time", "off late", "unnoticed"]
+    return table(head, [[f"`{setup}`", *counts] for setup, counts in sums.items()])
 
 
 @block

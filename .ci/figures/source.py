@@ -300,6 +300,13 @@ def campaign_image(command, files):
     store(files["image"], body, list(body[0]))
 
 
+def campaign_sample(command, files):
+    """Flips the bits that `sample` keeps, and stores how they ended, by board and setup."""
+    told = [row for board in BOARDS for row in said_once(f"sample-{board}", f"{command} --board {board}")["sample_bits"]]
+    body = [{**row, **{name: row["counts"].get(name, 0) for name in CLASSES}} for row in told]
+    store(files["sample"], body, ["board", "setup", "flips", *CLASSES])
+
+
 def wilson(hits, trials):
     """Wilson's 95 % interval of a share."""
     z = 1.96
@@ -317,7 +324,8 @@ def run_long(name):
     elif command.startswith("cargo board walk"):
         subprocess.run(f"{command} --force --csv {DATA / files['csv']}", shell=True, cwd=ROOT, check=True)
     elif command.startswith("cargo board"):
-        (campaign if "--random" in command else campaign_image)(command, files)
+        kind = {"--random": campaign, "--image": campaign_image, "--sample-bits": campaign_sample}
+        next(kind[option] for option in kind if option in command)(command, files)
     else:
         simulated(command, files)
     note_made(files.values())

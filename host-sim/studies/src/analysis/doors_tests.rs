@@ -306,9 +306,22 @@ fn spoiled(good: &Cells, random: &mut Xoshiro256PlusPlus) -> Vec<u8> {
     bytes
 }
 
+/// Logs with units in their headers, milliseconds and counts among them.
+fn logs_in_units() -> [Door; 2] {
+    let of = |name, scene, header| {
+        let row =
+            |n: u32| vec![1500.0 + f64::from(n), 0.5 * f64::from(n % 3), 3.0 * f64::from(n % 7)];
+        Door { name, good: cells(header, (0..120).map(row)), read: identify(scene), others: true }
+    };
+    [
+        of("log of counts", "paper-1um", "Time (ms),Force [N],encoder ticks"),
+        of("log of degrees", "hapkit", "t/ms,Torque (mNm),angle (deg)"),
+    ]
+}
+
 fn none_panics(cases: u32) {
     let folder = folder();
-    for door in doors() {
+    for door in doors().into_iter().chain(logs_in_units()) {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
         let mut taken = 0;
         for _ in 0..cases {
