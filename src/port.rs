@@ -189,7 +189,7 @@ mod tests {
     }
 
     proptest! {
-        /// Compared with sums of floats, force by force and sample by sample.
+        /// The reference is a sum of floats, force by force and sample by sample.
         #[test]
         fn it_is_the_sum_of_force_times_motion(
             steps in proptest::collection::vec((-(1i64 << 31)..=1 << 31, -3000i32..3000), 1..200)

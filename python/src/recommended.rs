@@ -35,8 +35,8 @@ result! { value
         area: f64,
         /// Whether the walk's largest allowed K or B cuts the area.
         is_cut: bool,
-        /// For each other protocol, the largest K of a quiet wall with that B, N/m. None if there is no such wall, or
-        /// the protocol cannot be tried.
+        /// For each of the other protocols, the largest K of a quiet wall with that B, N/m. None if there is no such
+        /// wall, or the protocol cannot be tried.
         protocols: Tuple<(String, Option<f64>)>,
         /// RMS of the output while the handle rests in free air, N.
         hum_n: f64,

@@ -144,7 +144,7 @@ pub fn attributes<T: Fields>(of: &Bound<'_, T>) -> PyResult<Keys> {
     columns(of.py(), values.collect::<PyResult<Vec<_>>>()?)
 }
 
-/// Longest text of an attribute in the object's text, characters.
+/// Most characters of an attribute in `text`. A longer attribute is shown by its type and size.
 const SHORT: usize = 120;
 
 /// The object's text. An array is shown by its shape, and a long attribute by its type and size.

@@ -64,8 +64,8 @@ impl Wiring for DiscoveryF407 {
     const BROWN_OUT_RESET: u32 = 1;
     const SWING: Option<[i32; 2]> = None;
     const SENSES: &'static [Sense] = &[Sense::Force];
-    /// From the sample to the PWM period that uses the command. A pulse begins with its period, so a small force acts
-    /// up to half a period (0.125 samples) sooner. docs/firmware.md has the measurement.
+    /// From the sample to the PWM period that uses the command. Each period begins with the pulse, so a small force
+    /// acts up to half a period (0.125 samples) sooner. docs/firmware.md has the measurement.
     const LATENCY_SAMPLES: f64 = pwm::LEAD_CYCLES as f64 / (Self::CORE_HZ / RATE_HZ) as f64;
     type Force = pwm::Output;
     type Encoder = encoder::Encoder;

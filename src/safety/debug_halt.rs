@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     /// Runs outputs. Each has its delay, and the time for which the core stood still before it, in samples. Returns
-    /// whether a halt was found at each.
+    /// whether a halt was found, for each output after the first.
     fn outputs(period: u32, each: &[(f64, f64)]) -> Vec<bool> {
         let mut watch = HaltWatch::default();
         let mut still = 0.0;

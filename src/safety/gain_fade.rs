@@ -239,9 +239,8 @@ mod tests {
     }
 
     proptest! {
-        /// Compared with a twin that keeps the old settings for one more output, for any changes at any time. Where the
-        /// handle is in the same walls, the forces differ by at most 5 % of full scale. The wall has its sign
-        /// everywhere.
+        /// Any changes, at any time. The reference keeps the old settings for one more output. Where the handle is in
+        /// the same walls, the two forces differ by at most 5 % of full scale. The wall has its sign everywhere.
         #[test]
         fn no_change_steps_by_more_than_5_percent_and_none_turns_the_wall_round(
             push_only in any::<bool>(),

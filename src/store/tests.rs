@@ -407,8 +407,8 @@ fn a_record_that_cannot_be_read_is_damage() {
     }
 }
 
-/// The words of a record, and the words that version 0.1.0 wrote. Both can be read. The latter belong to no device with
-/// a record.
+/// The words of stored settings, and the words that version 0.1.0 wrote. Both can be read. A device with a device
+/// record does not take the words of 0.1.0.
 #[test]
 fn a_record_in_flash_is_its_words_least_significant_byte_first() {
     let mut flash = Mock::<4>::new();

@@ -145,8 +145,8 @@ impl<'a> FrameWriter<'a> {
         self.end();
     }
 
-    /// Adds the positions of the samples, oldest first, up to the sample of the newest output. First stands the
-    /// position of one sample before them. At most [`Frame::SAMPLES`] and this one.
+    /// Adds the position of the sample before the frame, then of each sample up to the newest output. These samples are
+    /// at most [`Frame::SAMPLES`].
     #[must_use]
     pub fn positions(mut self, positions: &[Position]) -> Self {
         let differences = || {
@@ -318,8 +318,8 @@ impl<'a> Parts<'a> {
         filled == self.0.len() && told
     }
 
-    /// The positions of the samples, oldest first, up to the newest output, whose position is `newest`. First stands
-    /// the position of one sample before them. Empty if every sample has an output.
+    /// The position of the sample before the frame, then of each sample up to the newest output. Empty if every sample
+    /// has an output. `newest` is the position of the newest output.
     pub fn positions(
         self,
         newest: Position,

@@ -244,8 +244,7 @@ mod tests {
         assert!(widest > 3.99, "{widest}");
     }
 
-    /// Compared with the roots themselves: the poles, the second zero, and the delay, which is the mean of the response
-    /// weighted by time.
+    /// Poles and second zero are compared as roots. The delay is the mean of time, weighted by the impulse response.
     #[test]
     fn poles_zeros_and_lead_are_where_they_were_asked_for() {
         for (f, damping, lead_s, zero) in [

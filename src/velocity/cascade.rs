@@ -54,7 +54,7 @@ mod tests {
         counts.map(|count| form.step(&mut state, count, &Senses::default()).bits()).collect()
     }
 
-    /// Compared with the product of both transfer functions, as one recursion of fourth order.
+    /// The reference is the product of both transfer functions, as one recursion of fourth order.
     #[test]
     fn it_is_the_product_of_its_sections() {
         let design = CascadeDesign::new(FIRST, SECOND, 1e4).unwrap();

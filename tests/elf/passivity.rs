@@ -1,5 +1,5 @@
-//! The wall's passivity controller in the release image: every frame equals the core's own tasks, and a contact
-//! supplies at most the reserve.
+//! The wall's passivity controller in the release image. Every frame equals the frame that the core computes on the
+//! host. A contact supplies at most the reserve.
 
 use host_sim::scene::{
     NamedScene, PassivityTable,

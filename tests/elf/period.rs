@@ -1,5 +1,5 @@
-//! The output period, set on the console of one image. At each period, every frame of a hit equals the core's own
-//! tasks. The tests also check the time of the tasks, and which estimators have enough time.
+//! The output period, set on the console of one image. At each period, every frame of a hit equals the frame that
+//! the core computes on the host. The tests also check the time of the tasks, and which estimators have enough time.
 
 use virtual_board::{
     board::{BOARDS, Board, Force},
@@ -96,8 +96,8 @@ fn flagged(before: &Record, after: &Record, flag: Flags) -> bool {
     after.flags.contains(flag) && !before.flags.contains(flag)
 }
 
-/// A hit of this device at this period, with the design of this number and name. Returns the core's tasks and the share
-/// of received frames.
+/// A hit of this device at this period, with the design of this number and name. Returns what was observed during the
+/// hit, and the share of received frames.
 pub fn hit_at(
     firmware: &Firmware,
     device: &Device,

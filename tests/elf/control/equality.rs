@@ -1,4 +1,4 @@
-//! Telemetry equals the core on the host. A change of settings moves the force slowly.
+//! The telemetry equals what the core computes on the host. A change of settings moves the force slowly.
 
 use virtual_board::board::Board;
 use zwidth::{

@@ -21,8 +21,8 @@ pub struct Chunk {
     pub outputs: Vec<Record>,
     /// Push of an experiment at each output.
     pub pushes: Vec<Force>,
-    /// Positions of the samples up to the newest output, oldest first. The first position belongs to the sample before
-    /// these samples. Empty for layout 1, or if all samples of the frame are outputs.
+    /// Position of the sample before the frame, then of each sample up to the newest output. Empty for layout 1,
+    /// or if all samples of the frame are outputs.
     pub positions: Vec<Position>,
     /// Settings in the frame. Only estimators of this build are included.
     pub settings: Vec<InForce>,

@@ -115,7 +115,7 @@ mod tests {
         Search::over(&axes, budget.tunings, look).unwrap()
     }
 
-    /// Compares the search with the exhaustive search. Returns the number of hits of each.
+    /// Compares the search with the exhaustive search. Returns the numbers of hits of both searches.
     fn hold(scene: &Scene, name: EstimatorName, budget: Budget) -> [u64; 2] {
         let stop = AtomicBool::new(false);
         let walker = Walker { engine: Engine::lanes(), scene, stop: &stop, done: &|_| () };
