@@ -70,9 +70,9 @@ pub struct SuspectRow {
     pub scene: Option<f64>,
     /// The middle value of the tried values in the range.
     pub value: f64,
-    /// Smallest tried value that explains the difference equally well.
+    /// Smallest tried value that explains the difference as well as the best value.
     pub low: f64,
-    /// Largest tried value that explains the difference equally well.
+    /// Largest tried value that explains the difference as well as the best value.
     pub high: f64,
     /// Whether the range ends at the first or the last tried value.
     pub at_edge: bool,

@@ -5,7 +5,7 @@
 //! | estimator | its bandwidth |
 //! |-----------|---------------|
 //! | linear in the position | highest frequency at which `V(z) / (j w)` is above -3 dB; half the rate if it is always above |
-//! | observer, fusion | the same for their response to the position alone; above this frequency they follow force or acceleration |
+//! | observer, fusion | the same for their response to the position alone; above this frequency these estimators follow force or acceleration |
 //! | adaptive windowing | the same with its longest window |
 //! | time stamps | the same with an edge in every sample |
 //! | Levant's differentiator | the same for the equivalent linear loop at an error of one count, see below |

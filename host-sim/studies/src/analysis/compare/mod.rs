@@ -1,4 +1,4 @@
-//! Compares all velocity estimators. The same search tunes each estimator on the same boundary.
+//! Compares all velocity estimators. The same search tunes each estimator for the area of its boundary.
 //!
 //! * [`search`]: finds the tuning with the largest Z-width area, by the same rule for each estimator, over the same
 //!   range of [`bandwidth`]. [`tuned`] is its result.
@@ -203,9 +203,9 @@ impl Wall {
     }
 }
 
-/// The walls at which estimators are compared. K is read from each boundary at a B. The walls have half, one and two
-/// times this B, within the scene's walk. Their K is half of the mean K that the tuned finite difference and
-/// Butterworth filter reaches there. It is at least the walk's first K.
+/// The walls at which estimators are compared. The walls have half, one and two times the B at which K of each boundary
+/// is read, within the scene's walk. K of a wall is half of the mean K that the tuned finite difference and Butterworth
+/// filter reaches at the B of the wall. K is at least the walk's first K.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// The walls, lowest B first.
@@ -215,7 +215,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// The wall at which the force is compared. K of each boundary is read at its B.
+    /// The wall at which the force is compared. K of each boundary is read at the B of this wall.
     pub fn middle(&self) -> Wall {
         self.walls[1]
     }
@@ -264,7 +264,7 @@ pub fn with_filter(scene: &Scene, settings: &VelocitySettings) -> Scene {
 const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
 
 /// Default B at which K is read. If the tuned finite difference and Butterworth filter does not reach twice this B,
-/// half of the reached B is used.
+/// half of the largest B that it reaches is used.
 const USUAL_DAMPING_N_S_PER_M: f64 = 100.0;
 
 /// B at which K is read: the default, or half of the B that these boundaries reach. It is on the walk's grid.
@@ -278,7 +278,7 @@ pub fn damping_of(boundaries: Option<&Boundaries>, scene: &Scene) -> f64 {
     USUAL_DAMPING_N_S_PER_M.clamp(first, first + steps * step)
 }
 
-/// Largest number of walks that a comparison of `entries` can take.
+/// Largest number of walks that a comparison of `entries` can need.
 pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
     let reference = u64::from(!entries.contains(&REFERENCE));
     (entries.len() as u64 + reference) * budget.most() + u64::from(budget.repeats)
@@ -358,7 +358,7 @@ pub fn compare(
     Ok((place, compared.into_iter().collect::<Result<_, _>>()?))
 }
 
-/// Start of the search. Known values of the device are used, for example its mass for the observer.
+/// Settings at the start of the search. Known values of the device are used, for example its mass for the observer.
 pub fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
     let start = match entry {
         Entry::Tuned(name) => with_own_mass(name.defaults(), scene),

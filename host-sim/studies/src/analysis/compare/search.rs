@@ -1,15 +1,15 @@
 //! Finds the tuning with the largest Z-width area, by the same rule for every estimator.
 //!
 //! As a function of the tuning, the area has one broad maximum and a rough surface. So the search first walks evenly
-//! spaced tunings ([`Axes`]): bandwidths with one parameter, a grid with two. Then it moves from the best tuning to a
-//! neighbour that is better by more than [`GAIN`]. Neighbours are along the axes. With two parameters, they are also
-//! along the diagonals (a compass search). If no neighbour is better, the steps are halved. The search has *settled*
-//! when the steps are below [`LAST_STEP`] of bandwidth. If the allowed number of tunings is used up before, the search
-//! has not settled. A refused tuning, or a whole number that was already tried, is not tried again.
+//! spaced tunings ([`Axes`]): bandwidths with one parameter, a grid with two. Then the search moves from the best
+//! tuning to a neighbour that is better by more than [`GAIN`]. Neighbours are along the axes. With two parameters, they
+//! are also along the diagonals (a compass search). If no neighbour is better, the steps are halved. The search has
+//! *settled* when the steps are below [`LAST_STEP`] of bandwidth. If the allowed number of tunings is used up before
+//! that, the search has not settled. A refused tuning, or a whole number that was already tried, is not tried again.
 //!
 //! The search walks from two starts that no repeat uses. A tuning that can no longer win is walked from the first start
-//! only (`looked.rs`). The result is walked again from the starts of a sweep. So the selection does not bias its area.
-//! Wrong tunings are walked from the same starts.
+//! only (`looked.rs`). The result is walked again from the starts of a sweep. The area of the result is the area of
+//! these last walks, so the selection does not bias it. Wrong tunings are also walked from the starts of a sweep.
 
 use std::{cell::RefCell, sync::atomic::AtomicBool};
 
@@ -51,7 +51,7 @@ impl Budget {
 
 /// Largest number of walks for one tried tuning of a search.
 pub const WALKS_OF_A_TRY: u32 = 2;
-/// Number of tunings with two parameters, for one tuning with one parameter.
+/// Allowed number of tunings with two parameters, divided by the allowed number with one parameter.
 pub const OF_TWO: u32 = 4;
 /// Share of the tunings in the evenly spaced first step, as a fraction, for one axis and for two.
 const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
@@ -200,13 +200,14 @@ pub fn tune(
     let walker = Walker { engine, scene, stop, done };
     let (best, mut tuned) = walker.best(start, is_free, budget)?;
     let area = tuned.boundaries.area();
-    // Wrong settings below and above the best. A share scales the loss of area. The wrong masses of a model have no
-    // share.
+    // Wrong settings below and above the best settings. The loss of area at a wrong tuning is multiplied by a share.
+    // For a wrong mass of a model the loss is not scaled.
     let mut wrongs: Vec<(usize, Option<f64>, VelocitySettings)> = vec![];
     let axes = walker.axes(start, is_free);
     for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
         let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
-        // A whole number does not reach the factor. So the loss is scaled in proportion on a logarithmic scale.
+        // A whole-number tuning is not wrong by exactly the factor. So the loss is scaled by the ratio of the
+        // logarithms of the wanted and the reached factor.
         let share = |reached: f64| Some(factor.ln() / reached.ln());
         wrongs.extend(wrong.map(|(wrong, reached)| (side, share(reached), wrong)));
     }
@@ -254,8 +255,9 @@ pub(super) struct Search {
 }
 
 impl Search {
-    /// Tries at most `tunings` tunings. With two axes, it tries [`OF_TWO`] times as many. `look` returns the result of
-    /// each tuning. It also gets the tunings that are next if none of these is better, and the largest area so far.
+    /// Tries at most `tunings` tunings. With two axes, the limit is [`OF_TWO`] times as large. `look` returns the
+    /// result of each tuning. Its other arguments are the tunings that come next if none of these tunings is better,
+    /// and the largest area so far.
     pub(super) fn over(
         axes: &Axes,
         tunings: u32,

@@ -13,8 +13,8 @@
 //! when it acts.
 //!
 //! Other inputs are ideal: an accelerometer's reading of the whole motion, and the encoder's edges. Counts and edges
-//! come from the same reading. It has the scene's rounding and periodic error, but no noise and no jitter. At rest the
-//! periodic error is constant and is left out.
+//! come from the same reading of the position. This reading has the scene's rounding and periodic error, but no noise
+//! and no jitter. At rest the periodic error is constant and is left out.
 
 use std::f64::consts::PI;
 
@@ -253,8 +253,8 @@ mod tests {
             "{rounded:?} {plain:?}"
         );
         assert!((rounded.phase_100_hz_deg.hand - plain.phase_100_hz_deg.hand).abs() < 1e-2);
-        // The error has a slope of 0.0628 sin. At 2.9 counts per sample this is a real velocity of 0.0129 m/s RMS. The
-        // rest is small.
+        // The periodic error has a slope of 0.0628 sin. At 2.9 counts per sample this slope adds a velocity of 0.0129
+        // m/s RMS. Other errors are small.
         let wrong = measured(|scene| {
             let (cycle_m, first_m) = (1e-3, 1e-5);
             let (second_m, phase_rad) = (0.0, 0.3);
@@ -296,9 +296,9 @@ mod tests {
         assert!(butterworth.noise_in_motion_m_per_s < plain.noise_in_motion_m_per_s);
         let window = VelocitySettings::LeastSquares1 { window_samples: 20 };
         assert!((signal(window).delay_s.hand / 1e-3 - 1.0).abs() < 0.01);
-        // With the motor's force the observer has almost no delay. It does not get the hand's force. Then it is a
-        // filter of the position with poles w. Its delay is 3 atan(x) - atan(3 x), where x is 100 Hz divided by the
-        // bandwidth.
+        // With the motor's force the observer has almost no delay. The observer does not get the hand's force. So for
+        // motion by the hand the observer is a filter of the position, with poles at w. The delay of this filter is 3
+        // atan(x) - atan(3 x), where x is 100 Hz divided by the bandwidth.
         let observer = signal(VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 0.416 });
         // The observer does not know the force of the device's damping b, so it leads by 3 b / (m w^2).
         let lead = 3.0 * 5.5195 / 0.416 / (2.0 * PI * 100.0).powi(2);
@@ -306,8 +306,9 @@ mod tests {
         assert!(observer.phase_100_hz_deg.motor.abs() < 1.0, "{observer:?}");
         let late = (3.0 * 1f64.atan() - 3f64.atan()).to_degrees();
         assert!((observer.phase_100_hz_deg.hand + late).abs() < 2.5, "{observer:?} {late}");
-        // If the observer gets the force 0.3 ms before it acts, the velocity leads. The observer passes (s^3 + 3 w s^2)
-        // / (s + w)^3 of a force U for the acceleration s^2 X. U is (1 + b / (m s)) e^(s t) times its correct value.
+        // If the observer gets the force 0.3 ms before it acts, the velocity leads. The response of the observer to the
+        // force is (s^3 + 3 w s^2) / (s + w)^3. The force U that it gets is (1 + b / (m s)) e^(s t) times the correct
+        // value.
         let s = Complex::new(0.0, 2.0 * PI * 100.0);
         let w = 2.0 * PI * 100.0;
         let passed = (s * s * s + s * s * 3.0 * w) / ((s + w) * (s + w) * (s + w));

@@ -29,7 +29,7 @@ pub struct Tuned {
     /// Every tried tuning, in the order of the tries. Empty if there is nothing to tune.
     pub tried: Vec<Tried>,
     /// Whether the search ended because no neighbour of its result is better. False if all allowed tunings were used up
-    /// before.
+    /// before that.
     pub settled: bool,
     /// Boundaries at the best tuning, one per start.
     pub boundaries: Boundaries,

@@ -50,7 +50,8 @@ const COLUMNS: f64 = 28.0;
 const FINE_COLUMNS: f64 = 56.0;
 /// Share of the budget for the refinement.
 const REFINE: f64 = 0.2;
-/// Starts of the walks that choose among the best filters, counts: the starts of a search, and two between them.
+/// Starts of the walks that choose among the best filters, counts: the starts of a search, and two starts between
+/// these.
 const CHOICE: [f64; 4] =
     [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
 /// Number of filters of each cap and grid that are walked on the scene's grid.
@@ -77,7 +78,7 @@ pub struct Question {
     pub delay_s: Option<f64>,
     /// Largest allowed roughness of the force, N.
     pub roughness_n: Option<f64>,
-    /// Smallest share of its area that a mistuned filter must have.
+    /// Smallest allowed area of a mistuned filter, as a share of the area of the correctly tuned filter.
     pub mistuned_share: Option<f64>,
     /// Sections of a filter, 1 or 2.
     pub sections: u8,
@@ -111,7 +112,8 @@ pub struct Designed {
     pub gain_peak_db: f64,
     /// RMS of the force above 100 Hz at the wall, N; `None` if the wall is not stable.
     pub roughness_n: Option<f64>,
-    /// Smallest share of its area that a mistuned filter has, in the worst condition.
+    /// Smallest area of a mistuned filter, as a share of the area of the correctly tuned filter, in the worst
+    /// condition.
     pub mistuned_share: f64,
     /// The biquads, as the core runs them.
     pub sections: Vec<Biquad>,

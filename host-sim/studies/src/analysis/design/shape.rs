@@ -1,5 +1,5 @@
-//! A filter of the search. Its parameters are the four numbers of `biquad` or the eight of `biquad-2`. Here are their
-//! ranges, and values that follow directly from them.
+//! A filter of the search. Its parameters are the four numbers of `biquad` or the eight of `biquad-2`. This module also
+//! has the ranges of the parameters, and values that follow from the parameters directly.
 
 use std::f64::consts::PI;
 

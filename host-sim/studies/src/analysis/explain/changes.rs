@@ -46,7 +46,7 @@ pub struct Change {
     /// Additional cycles of the Cortex-M4 per second; `None` if not measured.
     pub cycles_per_s: Option<f64>,
     pub scene: Scene,
-    /// Estimators of which the best is used. If empty, the scene's own estimator is used.
+    /// The best of these estimators is used. If the list is empty, the scene's own estimator is used.
     pub estimators: Vec<EstimatorName>,
 }
 

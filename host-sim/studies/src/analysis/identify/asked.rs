@@ -42,8 +42,8 @@ pub struct GainAsked {
 }
 
 impl GainAsked {
-    /// The source of the gain that the options give. If they give none, a rotary base scene has its own source. A log
-    /// with the force needs no source.
+    /// The source of the gain that the options give. If the options give no source, the source of a rotary base scene
+    /// is used. A log with the force needs no source.
     ///
     /// # Errors
     /// No source, several sources or an incomplete source is given, or the source does not fit the log.

@@ -13,7 +13,7 @@ use crate::scene::{Scene, Uncertainty};
 /// Number of a device's parameters, in the order of [`Uncertainty::NAMES`]. The latency is in seconds.
 pub(super) const NUMBERS: usize = Uncertainty::NAMES.len();
 
-/// Standard deviations and correlations of the fitted parameters; 0 for the others.
+/// Standard deviations and correlations of the fitted parameters; 0 for all other parameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Joint {
     /// Standard deviations: the half-widths divided by `confidence::quantile`.
