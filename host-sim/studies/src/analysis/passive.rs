@@ -105,8 +105,8 @@ pub struct PassiveRow {
     /// Whether the passivity controller is on.
     pub controller: bool,
     pub boundaries: Boundaries,
-    /// Hits in this loop. The first are at the boundary that was found without the controller. With the controller on,
-    /// the second are at the boundary that was found with it.
+    /// Hits in this loop. The first element is for the boundary that was found without the controller. With the
+    /// controller on, the second element is for the boundary that was found with the controller.
     pub hits: [Hits; 2],
 }
 
@@ -117,8 +117,8 @@ pub struct PassiveStudy {
     pub reserve_j: f64,
     /// Rows by limit and cutoff. Rows without the controller come first.
     pub rows: Vec<PassiveRow>,
-    /// Hits by limit, cutoff and duration. Hits without the controller come first. All are at the boundaries that were
-    /// found without the controller.
+    /// Hits by limit, cutoff and duration. Hits without the controller come first. All hits are at the boundaries that
+    /// were found without the controller.
     pub lengths: Vec<Length>,
 }
 

@@ -99,7 +99,7 @@ impl Capture {
     }
 
     /// The records of the longest run without a reset of the board, in the order of their samples. If the black box was
-    /// read, some records were received twice. Each of them appears once.
+    /// read, some records were received twice. In the result, each record appears once.
     pub fn longest_run(&self) -> Vec<Record> {
         let live = |frame: &&Frame| !frame.record.flags.contains(Flags::REPLAY);
         let mut runs = vec![Vec::new()];

@@ -40,8 +40,8 @@ pub fn prepare(scene: &NamedScene) -> Result<PreparedScene, Error> {
     Ok(prepared)
 }
 
-/// The scene's filter at the requested cutoff. Without a request, at the cutoff of `[velocity]`. Without this cutoff,
-/// at the only cutoff of `[sweep]`.
+/// The scene's filter at the requested cutoff. If no cutoff is requested, the cutoff of `[velocity]` is used. If
+/// `[velocity]` has no cutoff, the only cutoff of `[sweep]` is used.
 ///
 /// # Errors
 /// There is no such cutoff, or the estimator has no cutoff.

@@ -6,7 +6,7 @@
 //! stable, up to the smallest boundary of all repeats.
 //!
 //! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which limits the number of hits.
-//! Between two B, the firmware allows a K if both B allow it.
+//! Between two B, the firmware allows a K if the intervals of both B contain this K.
 
 use std::fmt::Write as _;
 

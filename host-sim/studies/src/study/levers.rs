@@ -170,7 +170,7 @@ pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
                 changed.mode = Some(transmission(changed.device.mass_kg));
             }
             let is_there = levers.iter().any(|lever: &Lever| lever.scene == changed);
-            // If the scene does not allow the added elements in addition to its own, this version is left out.
+            // If the scene does not allow the added elements beside its own elements, this version is left out.
             if !is_there && changed.check().is_ok() {
                 levers.push(Lever { of_loop: of_loop.clone(), between, scene: changed });
             }

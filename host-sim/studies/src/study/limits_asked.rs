@@ -9,7 +9,7 @@ use crate::{
     scene::{Scene, Walk},
 };
 
-/// Divisor of the scene's step of K for the default grid. The divisor of the step of B is half of it.
+/// Divisor of the scene's step of K for the default grid. The divisor for the step of B is half of this number.
 const FINER: f64 = 4.0;
 
 /// A limit as given by the user.

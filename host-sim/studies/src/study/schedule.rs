@@ -18,8 +18,8 @@ pub enum Length {
     Longest,
 }
 
-/// Makes a result for each of `lengths` on all threads of the current pool. The longest begin first. The results have
-/// the order of `lengths`.
+/// Makes a result for each of `lengths` on all threads of the current pool. The longest pieces of work begin first. The
+/// results have the order of `lengths`.
 pub fn longest_first<T: Send>(lengths: &[Length], make: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let mut order: Vec<usize> = (0..lengths.len()).collect();
     order.sort_by_key(|n| Reverse(lengths[*n]));

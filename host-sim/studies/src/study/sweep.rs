@@ -1,5 +1,5 @@
 //! The sweep over cutoffs. It gives boundaries with repeats, areas with their spread, and the ideal cutoff. The range
-//! of the ideal cutoff has the cutoffs that the repeats cannot distinguish from it.
+//! of the ideal cutoff consists of the cutoffs that the repeats cannot distinguish from the ideal cutoff.
 //!
 //! Near the boundary a hit is chaotic. If the start differs by a fraction of a count, the area of a walk changes by 0.2
 //! to 2 %. So every walk is repeated from starts spread over one count. The result is the mean, with the smallest and
@@ -48,7 +48,7 @@ pub struct SweepResult {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ideal {
-    /// The smallest cutoff whose mean area is at least 98 % of the largest, Hz.
+    /// The smallest cutoff whose mean area is at least 98 % of the largest mean area, Hz.
     pub cutoff_hz: f64,
     /// Lowest and highest cutoff that the repeats cannot distinguish from an equally good cutoff, Hz.
     pub range_hz: [f64; 2],
@@ -59,10 +59,10 @@ pub struct Ideal {
 /// Test that gives the range of the ideal cutoff.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RangeBasis {
-    /// Welch's t-test (one-sided at [`LEVEL`]) does not show that the mean area is below 98 % of the largest. With more
-    /// repeats the range becomes narrower, until it contains only equally good cutoffs.
+    /// Welch's t-test (one-sided at [`LEVEL`]) does not show that the mean area is below 98 % of the largest mean area.
+    /// With more repeats the range becomes narrower, until it contains only equally good cutoffs.
     Repeats,
-    /// Without repeats, the area itself is at least 98 % of the largest.
+    /// Without repeats, the area itself is at least 98 % of the largest area.
     WithinTwoPercent,
 }
 

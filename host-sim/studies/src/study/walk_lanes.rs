@@ -49,8 +49,8 @@ impl<'a> Queue<'a> {
     }
 }
 
-/// Makes walks of the queue in the lanes of this thread until none is left or `stop` is set. Calls `done` with the
-/// index in the queue and the result.
+/// Makes walks of the queue in the lanes of this thread until the queue is empty or `stop` is set. Calls `done` with
+/// the index in the queue and the result.
 pub fn walks(
     engine: Engine,
     numeric: Numeric,

@@ -5,8 +5,8 @@
 //! releases it. The force is as large as four limits allow:
 //!
 //! - The simulated excursion of each pulse is at most [`OF_TRAVEL`] of the distance to the nearer end.
-//! - Its speed is at most [`OF_SPEED`] of the speed limit.
-//! - Its force is at most [`OF_FULL`] of full scale.
+//! - The speed of each pulse is at most [`OF_SPEED`] of the speed limit.
+//! - The force of each pulse is at most [`OF_FULL`] of full scale.
 //! - The mean square of all forces is within the motor's limit.
 
 use serde::Serialize;

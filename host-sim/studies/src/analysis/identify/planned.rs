@@ -22,7 +22,7 @@ pub struct Planned {
     pub continuous_force_n: f64,
     /// Guessed values of limits that the scene does not have, in its units.
     pub guessed: Vec<String>,
-    /// The lines for the console, in the scene's units. `cargo board run` accepts them too.
+    /// The lines for the console, in the scene's units. `cargo board run` accepts these lines too.
     pub console: Vec<String>,
 }
 

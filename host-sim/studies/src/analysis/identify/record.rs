@@ -47,7 +47,7 @@ pub(super) struct Row {
     pub position_m: f64,
 }
 
-/// Part of a record, in the time of the file's own stamps.
+/// Part of a record, between two time stamps of the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Span {
     /// First time, s; `None` for the beginning.
@@ -351,7 +351,8 @@ mod tests {
         assert!(counts(signed, 1e-4).unwrap_err().starts_with("line 112: "));
         let down = |count: f64| (-count).rem_euclid(65_536.0);
         assert!(counts(down, 1e-4).unwrap_err().contains("goes by 65236 counts"));
-        // Not refused: a counter without wraps, a sensor without counts, and a handle that is always as fast.
+        // Three records are accepted: of a counter without wraps, of a sensor without counts, and of a handle that is
+        // always so fast.
         assert!(counts(|count| count, 1e-6).is_ok());
         assert!(counts(|count| 200.0 * count, 1e-9).is_ok());
         let text =

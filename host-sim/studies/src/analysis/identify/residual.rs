@@ -7,10 +7,10 @@
 //! Gaussian noise of s counts before the quantiser reduces harmonic h by the factor `a^(h^2)`, with `a = exp(-2 pi^2
 //! s^2)`. The rest of the error becomes white (Widrow and Kollar, "Quantization Noise", 2008, chapters 4 and 19). The
 //! factor a is the coherence. It is the residual's component along the first harmonic, and is measured in blocks of
-//! rows. Blocks are necessary, because the fit follows the sawtooth where the handle rests. Then, where the handle
-//! moves, the model is wrong by a slowly varying part of a count. Even and odd rows of a block have the same sawtooth
-//! and independent noise. So the mean product of their amplitudes is a^2 without a bias. If a large part of the
-//! sawtooth remains, the residual is bound by quantisation. Then it is not white, even if the model is right.
+//! rows. Blocks are necessary, because the fit follows the sawtooth where the handle rests. As a result, where the
+//! handle moves, the model is wrong by a slowly varying part of a count. Even and odd rows of a block have the same
+//! sawtooth and independent noise. So the mean product of their amplitudes is a^2 without a bias. If a large part of
+//! the sawtooth remains, the residual is bound by quantisation. Then it is not white, even if the model is right.
 
 use std::f64::consts::{PI, TAU};
 
@@ -34,7 +34,7 @@ const BLOCK: usize = 128;
 const FEWEST_BLOCKS: usize = 4;
 /// Smallest coherence of a residual that is bound by quantisation. Then the noise is below 0.28 counts RMS.
 const BOUND: f64 = 0.2;
-/// The squared coherence of such a residual must be this number of standard errors above 0.
+/// The squared coherence of a residual that is bound by quantisation must be this number of standard errors above 0.
 const CERTAIN: f64 = 4.0;
 /// Unit of residuals for a sensor without counts, as a part of the motion. It keeps the values near 1.
 const UNIT_SHARE: f64 = 1e-6;
@@ -152,7 +152,7 @@ impl Residual {
         squared >= BOUND.powi(2).max(CERTAIN * self.coherence_squared_error)
     }
 
-    /// Squared share of harmonic h of the sawtooth. Two standard errors of the squared coherence are added before.
+    /// Squared share of harmonic h of the sawtooth. First, two standard errors are added to the squared coherence.
     pub(super) fn harmonic_squared(&self, h: u32) -> f64 {
         let squared = self.coherence.powi(2) + 2.0 * self.coherence_squared_error;
         squared.min(1.0).powi((h * h).cast_signed())

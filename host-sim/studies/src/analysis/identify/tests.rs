@@ -408,7 +408,7 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     assert!(found.mass_kg.holds(inertia), "{:?} {inertia}", found.mass_kg);
 }
 
-/// A pulse on a mass with damper and spring, with noise. Its voltage may be written late.
+/// A pulse on a mass with damper and spring, with noise. In the record, the voltage is `late_rows` late.
 fn pulses(seed: u64, late_rows: usize) -> Record {
     const ROWS: usize = 2000;
     let scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -598,8 +598,8 @@ fn the_term_that_a_record_does_not_show_is_the_one_that_is_named() {
 }
 
 /// A device without a spring in open loop, integrated in steps of 2 us. The parameters are mass, damping, friction,
-/// rise of friction, speed of its fall, and amplitude and pitch of the cogging. Then follow the amplifier's third
-/// power, drag, and friction per metre.
+/// rise of friction, speed of its fall, and amplitude and pitch of the cogging. The second list has the amplifier's
+/// third power, drag, and friction per metre.
 fn rough(
     [mass, damping, friction, rise, fall, cogging, pitch]: [f64; 7],
     [cubic, drag, per_m]: [f64; 3],

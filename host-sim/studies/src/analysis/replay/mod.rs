@@ -20,8 +20,8 @@ pub use rank::{Ranked, Ranking, rank};
 
 /// Longest delay between two estimators that can be found, samples.
 const LAG: usize = 500;
-/// Samples at the beginning that are not compared, at most a tenth of all. The estimator begins at rest, but the
-/// board's estimator was moving.
+/// Samples at the beginning that are not compared, at most a tenth of all samples. The estimator begins at rest, but
+/// the board's estimator was moving.
 const SETTLE: usize = 1_000;
 /// Smallest number of samples for a comparison.
 const LEAST: usize = 100;

@@ -325,7 +325,7 @@ mod tests {
     fn a_low_pass_both_ways_has_no_delay() {
         let wave: Vec<f64> = (0..4000).map(|n| (f64::from(n) * 0.05).sin()).collect();
         let smooth = both_ways(&wave, 0.02);
-        // One pass has the gain 1 / sqrt(1 + (tan / tan)^4). Both passes have its square.
+        // One pass has the gain 1 / sqrt(1 + (tan / tan)^4). Two passes have the square of this gain.
         let gain = 1.0 / (1.0 + (0.025f64.tan() / (std::f64::consts::PI * 0.02).tan()).powi(4));
         for n in 500..3500 {
             assert!((smooth[n] - gain * wave[n]).abs() < 1e-6, "{n}");

@@ -32,7 +32,7 @@ pub const SOURCES: &str = env!("ZWIDTH_SOURCES");
 
 /// Largest number of points of a study.
 pub const POINTS_MAX: u64 = 1_000_000_000;
-/// Largest number of changed scenes. Each of them is checked before the first hit.
+/// Largest number of changed scenes. Each changed scene is checked before the first hit.
 pub const VARIANTS_MAX: u64 = 1_000_000;
 /// Largest number of units of a study.
 pub const UNITS_MAX: u64 = 100_000;

@@ -2,9 +2,9 @@
 //!
 //! At each B of a map, the contour is the longest interval of K in which at least the share is stable. It is
 //! interpolated linearly between cells. With few draws, share and contour are not exact. So the firmware's contour is
-//! fitted with fresh draws. Each draw has a random position on the contour. There it is tried with interval lengths
-//! from 70 to 110 %. The length at which 95 % of the draws are stable is used. Then [`TRIED`] other draws measure the
-//! stable share along the result.
+//! fitted with fresh draws. Each draw has a random position on the contour. At this position the draw is tried with
+//! interval lengths from 70 to 110 %. The length at which 95 % of the draws are stable is used. Then [`TRIED`] other
+//! draws measure the stable share along the result.
 
 use rayon::prelude::*;
 use statrs::distribution::{Beta, ContinuousCDF as _};

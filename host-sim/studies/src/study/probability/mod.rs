@@ -1,10 +1,10 @@
 //! Probability that a wall is stable, for many starts and random devices. A draw is a device with a start.
 //!
 //! A walk finds one boundary from one start. Near the boundary the verdict depends on the start, by a part of a count.
-//! It also depends on device parameters that are not known exactly. So the same draws hit every cell of a grid of K and
-//! B ([`Map`]). The stable share of the draws is the wall's probability. Its integral over K and B is an area in which
-//! each wall has its probability as weight. The area of a draw is the area of its stable cells. The spread over the
-//! draws is the spread of areas and of the ideal cutoff.
+//! The verdict also depends on device parameters that are not known exactly. So the same draws hit every cell of a grid
+//! of K and B ([`Map`]). The stable share of the draws is the wall's probability. The integral of this probability over
+//! K and B is an area in which each wall has its probability as weight. The area of a draw is the area of its stable
+//! cells. The spread over the draws is the spread of areas and of the ideal cutoff.
 //!
 //! **Intervals of quantiles.** Drawn devices are independent. The starts of one device are spread evenly, so they are
 //! no random sample. So quantiles over the starts of the scene's own device have no interval. For drawn devices, order

@@ -112,7 +112,7 @@ fn the_worst_draws_choose_the_recommendation() {
     assert!((quantile(&[0.0, 10.0], 0.05) - 0.5).abs() < 1e-12);
 }
 
-/// For areas with known quantiles, an interval contains the quantile as often as it states.
+/// For areas with known quantiles, an interval contains the quantile as often as its confidence states.
 #[test]
 fn an_interval_of_a_quantile_holds_it() {
     for (draws, share) in [(72u32, WORST), (300, WORST), (40, 0.5), (100, 0.95)] {

@@ -7,7 +7,8 @@
 //! this number in the interval with the clearest result. The crossings give the numbers in the other intervals.
 //!
 //! The paper's gain margin, eq. (5), is the smallest of these crossings. It is the boundary only if the loop is stable
-//! as K tends to 0. Even then it gives no information about stable intervals above. [`StiffnessLimit`] reports both.
+//! as K tends to 0. Even then it gives no information about stable intervals above. [`StiffnessLimit`] reports the
+//! boundary and these intervals.
 
 use super::{
     LinearError, Loop,
@@ -28,15 +29,15 @@ const PER_TURN: f64 = 16.0;
 const PER_HALF_CIRCLE: f64 = 128.0;
 /// Smallest distance of search points from a resonance, radians per output period.
 const MARK_MIN: f64 = 1e-10;
-/// Refinements of the search if the numbers of roots contradict each other.
+/// Refinements of the search if the numbers of roots from eigenvalues and from crossings differ.
 const REFINEMENTS: u32 = 2;
 /// K is a difference of terms. If K at a crossing is below this share of these terms, it is a rounding error of K = 0.
 const ZERO_STIFFNESS: f64 = 1e-12;
 /// If K at a crossing is below this share of the loop's own stiffnesses, it is a rounding error. Without any damping,
 /// every wall is unstable, and the first crossings are rounding errors.
 const ROUNDING: f64 = 1e-12;
-/// Crossings above this multiple of the loop's own stiffnesses (k, b/T, m/T^2, B/T) are left out. There, all roots that
-/// leave have left, and a root near z = -1 approaches the sampling zero.
+/// Crossings above this multiple of the loop's own stiffnesses (k, b/T, m/T^2, B/T) are left out. At so large a K, no
+/// more roots leave the circle, and a root near z = -1 approaches the sampling zero.
 const FAR_STIFFNESS: f64 = 1e3;
 /// Distance from the unit circle above which eigenvalues are more reliable than the count of crossings.
 const CLEAR_MARGIN: f64 = 1e-6;
@@ -53,7 +54,7 @@ pub struct Crossing {
     pub frequency_hz: f64,
     /// Stiffness, above 0 N/m.
     pub stiffness_n_per_m: f64,
-    /// With rising stiffness, roots leave the circle (true) or enter it (false).
+    /// Whether roots leave the circle with rising stiffness. If false, they enter it.
     pub outward: bool,
     /// Number of roots: 2, or 1 at half the output rate.
     pub roots: u32,

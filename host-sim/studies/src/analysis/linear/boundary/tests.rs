@@ -196,7 +196,7 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
         (Some(Mode { stiffness_n_per_m: 6e4, ..mode }), Some(arm), None),
         (None, Some(apart), None),
         (Some(Mode { damping_n_s_per_m: 0.0, ..mode }), Some(arm), amplifier),
-        // A spring to the ground holds its own body, and all bodies that it can reach.
+        // With a spring to the ground, its own body and all bodies that are connected to this body do not float.
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..apart }), amplifier),
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..arm }), None),
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..gripped }), None),

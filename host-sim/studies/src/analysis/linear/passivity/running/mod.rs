@@ -7,9 +7,10 @@
 //! ```text
 //! u = - sum over n of C(w_n) v_n / (j w_n),     F_n = u (1 - e^(-jwT)) e^(-j w_n t_d) / (j w_n T),   C = K + B V(e^(j w_n T_s))
 //! ```
-//! The power out of the wall is a Hermitian form of rank two in v. Vectors p and q of the two sums define it. The
-//! damper b of the device takes `b |v|^2`. No motion takes energy out of wall and damper exactly if b is at least the
-//! largest eigenvalue of the form, `1/2 (sqrt(|p|^2 |q|^2 - Im^2 <p, q>) - Re <p, q>)`, at every w:
+//! The power out of the wall is a Hermitian form of rank two in v. The vectors p and q of the two sums define this
+//! form. The damper b of the device absorbs the power `b |v|^2`. No motion takes energy out of wall and damper exactly
+//! if b is at least the largest eigenvalue of the form, `1/2 (sqrt(|p|^2 |q|^2 - Im^2 <p, q>) - Re <p, q>)`, at every
+//! w:
 //! ```text
 //! c = -(1 - e^(-jwT)) / 2T  sum C e^(-j w_n t_d) / w_n^2,     r^2 = |1 - e^(-jwT)|^2 / 4T^2  sum |C|^2 / w_n^2  sum 1 / w_n^2
 //! b > max over w of  -Re c + sqrt(r^2 - (Im c)^2)
@@ -247,7 +248,7 @@ fn finite(stiffness: f64, damping: f64) -> Result<(), LinearError> {
     Ok(())
 }
 
-/// The largest value from 0 to `high` for which `passes` is true. It is true for 0 and false for `high`.
+/// The largest value from 0 to `high` for which `passes` is true. `passes` is true for 0 and false for `high`.
 fn last(high: f64, passes: impl Fn(f64) -> Result<bool, LinearError>) -> Result<f64, LinearError> {
     let (mut good, mut bad) = (0.0, high);
     for _ in 0..HALVINGS {

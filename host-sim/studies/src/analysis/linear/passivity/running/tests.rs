@@ -178,8 +178,8 @@ fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
     (eigen.eigenvalues[highest], Motion { omega, speeds })
 }
 
-/// Sums of the estimator's impulse response. Each is the part of V from a unit step of the position, by the number of
-/// samples since the step.
+/// Sums of the estimator's impulse response. Each sum is the part of V from a unit step of the position, by the number
+/// of samples since the step.
 fn step_response(of: &TransferFunction, samples: usize) -> Vec<f64> {
     let mut loops = Difference::new(of);
     (0..samples).map(|_| loops.next(1.0)).collect()
