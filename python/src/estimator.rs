@@ -43,7 +43,7 @@ use crate::{
 ///     Nominal cutoff, Hz. Omit it for an estimator without a cutoff.
 /// **parameters
 ///     Other keys of a scene's `[velocity]` table. If the scene has this estimator, missing keys come from the scene.
-///     Otherwise they have their defaults (docs/estimators.md), and the mass is the device's.
+///     Otherwise missing keys have their defaults (docs/estimators.md), and the mass is the device's mass.
 ///
 /// Raises
 /// ------
@@ -213,7 +213,7 @@ impl Estimator {
         Scene(Arc::clone(&self.scene))
     }
 
-    /// Nominal cutoff, Hz; None for an estimator without one.
+    /// Nominal cutoff, Hz; None for an estimator without a cutoff.
     #[getter]
     fn cutoff_hz(&self) -> Option<f64> {
         self.cutoff_hz
@@ -262,7 +262,7 @@ impl Estimator {
     /// Returns
     /// -------
     /// ndarray
-    ///     Velocity, m/s (float64), or bits (int32). It is 0 at the first count.
+    ///     Velocity, m/s (float64), or bits (int32). The velocity is 0 at the first count.
     ///
     /// Raises
     /// ------

@@ -119,8 +119,8 @@ impl FromPyObject<'_, '_> for Places {
 }
 
 result! { value
-    /// A fitted value with its 95 % interval. If the value was given, both ends are the value. The unit is in the name
-    /// of the estimate's attribute.
+    /// A fitted value with its 95 % interval. If the value was given, both ends are the value. The unit is part of the
+    /// attribute's name, for example `mass_kg`.
     Estimate {
         /// The fitted or given value.
         value: f64,
@@ -166,7 +166,7 @@ result! { value
         term: String,
         /// Value divided by its standard error.
         standard_errors: f64,
-        /// Probability of such a value if the true value is 0, for all candidates together.
+        /// Probability of a value this far from 0 if the true value is 0, for all candidates together.
         p: f64,
     }
 }
@@ -182,7 +182,7 @@ result! { value
         whiteness_p: f64,
         /// Autocorrelation from row to row.
         autocorrelation: f64,
-        /// Whether quantisation causes the residual, and not noise.
+        /// Whether the residual comes from quantisation and not from noise.
         bound_by_quantisation: bool,
         /// Fraction of the quantiser's sawtooth in the residual, 0 to 1.
         coherence: f64,
@@ -318,7 +318,8 @@ fn turn<'py, const N: usize>(
 /// Find mass, damping, stiffness and more of a device from recorded voltage and position.
 ///
 /// One record cannot distinguish these values from the force per volt. So give the force per volt in one of four ways.
-/// Only a rotary base scene has its own. Lengths and forces are at the handle, also for a rotary scene.
+/// Only a rotary base scene already has a force per volt. Lengths and forces are at the handle, also for a rotary
+/// scene.
 ///
 /// Parameters
 /// ----------
@@ -343,12 +344,13 @@ fn turn<'py, const N: usize>(
 /// terms : {"auto", "none"} or iterable of {"friction", "stribeck", "amplifier", "offset", "cogging", "phase"}
 ///     Terms in addition to mass, damping and spring: the terms that the records show, no terms, or the named terms.
 /// rest_position : float, optional
-///     Rest position of the spring without any other force, m. With it, a constant force can be distinguished.
+///     Rest position of the spring without any other force, m. With this value, a constant force can be distinguished
+///     from a shift of the rest position.
 /// encoder_cycle : float, optional
-///     Travel per cycle of the encoder's signals, m. Default: the base scene's value. If the scene has none, it is
-///     searched.
+///     Travel per cycle of the encoder's signals, m. Default: the base scene's value. If the scene has no value, the
+///     cycle is searched in the records.
 /// resolution : float, optional
-///     Size of a count, m; 0 for a sensor without counts. By default the base scene's.
+///     Size of a count, m; 0 for a sensor without counts. Default: the base scene's value.
 /// span : tuple of float or None
 ///     First and last used time stamp of the records, s. None means the beginning or the end.
 ///
@@ -446,10 +448,10 @@ pub fn identify(
     made(&told)
 }
 
-/// Plan the pulses that identify a scene's device. They are as strong as travel, speed and motor allow.
+/// Plan the pulses that identify a scene's device. The pulses are as strong as travel, speed and motor allow.
 ///
-/// **The device moves.** The plan uses the scene's own mass, damping, spring and friction. If these are a first guess,
-/// begin with a tenth of the force, and keep hands and objects away from the whole travel.
+/// **The device moves.** The plan uses the scene's own mass, damping, spring and friction. If these values are a first
+/// guess, begin with a tenth of the force. Keep hands and objects away from the whole travel.
 ///
 /// Parameters
 /// ----------
@@ -487,9 +489,9 @@ result! { value
         unit: String,
         /// The value that explains most of the difference.
         value: f64,
-        /// Lowest tried value that explains the difference equally well.
+        /// Lowest tried value that explains the difference as well as the best value.
         low: f64,
-        /// Highest tried value that explains the difference equally well.
+        /// Highest tried value that explains the difference as well as the best value.
         high: f64,
         /// Whether the range reaches the first or the last tried value.
         at_edge: bool,
@@ -497,7 +499,7 @@ result! { value
         left_n_per_m: f64,
         /// Whether the value explains the whole difference.
         explains: bool,
-        /// Value in the scene; None if the scene has none.
+        /// Value in the scene; None if the scene does not have the element.
         scene: Option<f64>,
     }
 }
@@ -509,7 +511,7 @@ result! { table(walls)
         scene: String,
         /// Name of the file.
         measured: String,
-        /// Nominal cutoff, Hz; None for an estimator without one.
+        /// Nominal cutoff, Hz; None for an estimator without a cutoff.
         cutoff_hz: Option<f64>,
         /// Whether the distance of the measured walk from the prediction is within the scatter of the scene's own
         /// walks.
@@ -531,8 +533,8 @@ result! { table(walls)
     }
 }
 
-/// Check whether a measured walk agrees with the scene's walks. If not, find the value that best explains the
-/// difference.
+/// Check whether a measured walk agrees with the scene's walks. If the walks differ, find the value that best explains
+/// the difference.
 ///
 /// Parameters
 /// ----------
@@ -543,13 +545,13 @@ result! { table(walls)
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the number of finished walks and the largest possible number. An exception in it
-///     ends the work.
+///     Called from this thread with the number of finished walks and the largest possible number. An exception in this
+///     function ends the work.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     The file cannot be read, it is no walk of this scene, or the handle does not reach the wall.
+///     The file cannot be read or is no walk of this scene, or the handle does not reach the wall.
 #[pyfunction]
 #[pyo3(signature = (scene, measured, *, engine = "lanes", threads = None, progress = None))]
 pub fn agree(
@@ -602,7 +604,7 @@ result! { table(table)
     }
 }
 
-/// Run an estimator on the counts of a capture, from rest. Compare its velocity with the board's.
+/// Run an estimator on the counts of a capture, from rest. Compare its velocity with the board's velocity.
 ///
 /// Parameters
 /// ----------

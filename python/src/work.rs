@@ -27,7 +27,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Shared state of running work: the request to stop, and the progress.
 #[derive(Default)]
 pub struct Course {
-    /// Set to end the work, because no caller waits for it any more.
+    /// Set to end the work, because no caller waits for the result any more.
     pub stop: AtomicBool,
     /// Number of finished pieces.
     done: AtomicU64,
