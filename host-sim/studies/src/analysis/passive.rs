@@ -26,7 +26,7 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// Largest number of walls on a boundary that are hit. They are evenly spaced in B.
+/// Largest number of walls on a boundary that are hit. The walls are evenly spaced in B.
 const WALLS: usize = 24;
 
 #[derive(Clone, Debug)]
@@ -187,7 +187,7 @@ fn walls(boundaries: &Boundaries, velocity: VelocitySettings) -> Vec<WallHit> {
     first.points.iter().step_by(step).map(|wall| wall.hit(velocity)).collect()
 }
 
-/// Energy of a wall's force along the true motion. It begins at zero in each contact.
+/// Energy of a wall's force along the true motion. The energy begins at zero in each contact.
 struct MotionAccount {
     /// Largest delay from a count to its force, samples.
     until_it_acts: u64,

@@ -69,8 +69,8 @@ impl Account {
         }
     }
 
-    /// Force of the wall from this output on, and whether the handle is in contact. `None` if the force is unknown. It
-    /// is unknown during the sign test and the ramp, and while a push rises.
+    /// Force of the wall from this output on, and whether the handle is in contact. `None` if the force is unknown. The
+    /// force is unknown during the sign test and the ramp, and while a push rises.
     fn wall(&self, record: &Record) -> Option<(i64, bool)> {
         let has = |flag| record.flags.contains(flag);
         if !has(Flags::ON) {

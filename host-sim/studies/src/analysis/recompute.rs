@@ -136,8 +136,8 @@ impl Recomputed {
         ends.collect()
     }
 
-    /// One row per sample, in integers of the control loop. The velocity is in 2^-16 counts per sample. It is empty if
-    /// it could not be computed. The force of the last output is in 2^-30 of full scale.
+    /// One row per sample, in integers of the control loop. The velocity is in 2^-16 counts per sample. The velocity is
+    /// empty if it could not be computed. The force of the last output is in 2^-30 of full scale.
     pub fn csv(&self) -> String {
         let mut text = String::from("sample,position_counts,velocity_q16,force_q30,output\n");
         for Row { sample, position, velocity, force, told } in &self.rows {
@@ -377,8 +377,8 @@ fn follow(
 
 /// The path to a key after a change of the tuning or of the count's zero. A change normally acts from the sample after
 /// an output on. A later sample is used only if no other path ends in the key's state. The motion in the sample that
-/// sets the count to zero is unknown. It follows from the key's state. `None` if no path ends in this state. Also
-/// `None` if several later paths end in it with different velocities.
+/// sets the count to zero is unknown. This motion follows from the key's state. `None` if no path ends in this state.
+/// Also `None` if several later paths end in it with different velocities.
 fn followed(
     samples: &[Told],
     state: velocity::State,

@@ -8,7 +8,7 @@
 //! feels the force that belongs to the motion. The arm only decides which walls are stable.
 //!
 //! **Magnitude.** [`Rendered`] stores the estimator's response at [`HZ`], 1 to 30 Hz: `V = a X + c F`. `a` is the
-//! velocity per motion. `c` is the velocity per force, for an estimator that gets the force. It is 0 except for
+//! velocity per motion. `c` is the velocity per force, for an estimator that gets the force. `c` is 0 except for
 //! observers. So one run gives every wall:
 //! ```text
 //! F = -(K X + B V) at the outputs  =>  V = (a - c K) / (1 + c B),   Z = (K + B V) sinc(w T/2) A(w),   T the output period
@@ -36,9 +36,9 @@ use crate::{
     },
 };
 
-/// Amplitude of the motion, counts. It is as small as in a contact, but has many counts.
+/// Amplitude of the motion, counts. This amplitude is as small as in a contact, but has many counts.
 pub const AMPLITUDE_COUNTS: f64 = 100.0;
-/// Length of the record, s. It has two periods of 1 Hz.
+/// Length of the record, s. The record has two periods of 1 Hz.
 const RECORD_S: f64 = 2.0;
 /// Time before the record, s.
 const SETTLE_S: f64 = 1.0;
@@ -108,8 +108,8 @@ pub(super) struct Output {
 }
 
 impl<'a> Sine<'a> {
-    /// A sine near this frequency. Its number of periods and its number of outputs have no common factor. So no pattern
-    /// of counts repeats.
+    /// A sine near this frequency. The number of its periods and the number of outputs have no common factor. So no
+    /// pattern of counts repeats.
     pub(super) fn new(scene: &'a Scene, wall: &'a WallHit, about_hz: f64) -> Self {
         let output_hz = scene.control.rate_hz / f64::from(scene.actuator.period);
         let periods = (RECORD_S * about_hz).round();
@@ -213,7 +213,8 @@ impl<'a> Sine<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Answer {
     omega_per_s: f64,
-    /// Ratio of the measured position to the motion. It is 1 except for rounding, error and noise of the encoder.
+    /// Ratio of the measured position to the motion. The ratio is 1 except for rounding, error and noise of the
+    /// encoder.
     position: Complex<f64>,
     /// Velocity per motion, 1/s.
     by_motion: Complex<f64>,
@@ -335,8 +336,8 @@ mod tests {
 
     /// Error by quantisation at an amplitude of 100 counts.
     const ROUNDING: f64 = 1.5e-3;
-    /// Error by quantisation of a single wall from its outputs only, if most of its force comes from the damper. It is
-    /// larger for estimators that chatter.
+    /// Error by quantisation of a single wall from its outputs only, if most of its force comes from the damper. This
+    /// error is larger for estimators that chatter.
     const ROUNDING_OF_OUTPUTS: f64 = 0.015;
     const CHATTER: f64 = 0.1;
 

@@ -64,7 +64,7 @@ impl Chunk {
 }
 
 impl Capture {
-    /// Decodes a capture. It may begin or end within a frame, and contain any bytes.
+    /// Decodes a capture. The capture may begin or end within a frame, and contain any bytes.
     pub fn decode(bytes: &[u8]) -> Self {
         Self::decode_until(bytes, &AtomicBool::new(false))
     }

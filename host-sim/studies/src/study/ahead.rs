@@ -2,7 +2,7 @@
 //!
 //! A walk continues from verdict to verdict. A future verdict is guessed from the boundary so far, and from the
 //! boundary of a neighbour, which has another start or another tuning. The wall that is most likely needed is run. A
-//! wrong guess costs a hit in a lane that would be idle. It changes no boundary and no number of hits.
+//! wrong guess only uses a lane that would be idle. The guess changes no boundary and no number of hits.
 
 use std::{
     cmp::Reverse,
@@ -38,7 +38,8 @@ impl Guide {
         self.0.get(usize::try_from(damping).ok()?).map(|k| f64::from(*k))
     }
 
-    /// A guess of K at a B beyond the boundary so far. It follows the trend of a neighbour or the boundary's own trend.
+    /// A guess of K at a B beyond the boundary so far. The guess follows the trend of a neighbour or the boundary's own
+    /// trend.
     fn guess(&self, neighbour: &Self, damping: i32) -> Option<f64> {
         let last = i32::try_from(self.0.len()).ok()?.checked_sub(1)?;
         let here = self.at(last)?;

@@ -165,8 +165,8 @@ pub fn says_first(scene: &Scene) -> bool {
     scene.board.as_ref().is_some_and(said) || scene.velocity.cutoff_hz().is_some()
 }
 
-/// The initial settings. They have the design or the cutoff of the scene. If the scene has neither, they have the
-/// recommended cutoff. If no cutoff is recommended, they have the middle cutoff of the scene's list.
+/// The initial settings. These settings have the design or the cutoff of the scene. If the scene has neither, the
+/// recommended cutoff is used. If no cutoff is recommended, the middle cutoff of the scene's list is used.
 ///
 /// # Errors
 /// [`Error::Input`]: the scene names no estimator of the board.

@@ -19,7 +19,7 @@ pub enum LimitAsked {
     Rms(f64),
     /// The scene's limits of the sensation level.
     Felt,
-    /// A limit of the sensation level, dB. It shifts the threshold curve by this value.
+    /// A limit of the sensation level, dB. The threshold curve is shifted by this value.
     FeltAt(f64),
     /// A quiet wall, with the scene's limit of the force.
     Quiet,

@@ -56,7 +56,7 @@ const PROMISING: f64 = 0.3;
 #[derive(Clone, Debug)]
 pub struct QuietStudy {
     pub walk: Walk,
-    /// The cutoffs in ascending order. Each has one walk for all pushes.
+    /// The cutoffs in ascending order. Each cutoff has one walk for all pushes.
     pub cutoffs: Vec<CutoffResult>,
     /// The recommended cutoff, or the reason why no cutoff is recommended.
     pub recommended: Result<Recommended, String>,

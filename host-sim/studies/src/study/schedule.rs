@@ -14,7 +14,7 @@ pub enum Length {
     Short,
     /// Several parameters or estimators, in lanes.
     Long,
-    /// Any estimator without lanes. Its hits run one by one.
+    /// Any estimator without lanes. Hits of this estimator run one by one.
     Longest,
 }
 

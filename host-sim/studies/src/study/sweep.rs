@@ -188,7 +188,7 @@ impl SweepResult {
         Self { cutoffs, ideal }
     }
 
-    /// Whether the ideal range reaches the first or the last cutoff. Then it may continue beyond.
+    /// Whether the ideal range reaches the first or the last cutoff. If so, the range may continue beyond this cutoff.
     pub fn ends_at_edge(&self) -> bool {
         let (Some(ideal), Some(first), Some(last)) =
             (self.ideal, self.cutoffs.first(), self.cutoffs.last())

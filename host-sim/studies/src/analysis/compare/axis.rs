@@ -22,7 +22,7 @@ use zwidth::{
 
 use super::bandwidth::bandwidth_hz;
 
-/// Lowest bandwidth of the search, as a share of the rate. It is 20 Hz at 10 kHz.
+/// Lowest bandwidth of the search, as a share of the rate. At a rate of 10 kHz the lowest bandwidth is 20 Hz.
 const LOW: f64 = 2e-3;
 /// An interval that contains every tuning that the core accepts.
 const TUNINGS: [f64; 2] = [1e-9, 1e12];
@@ -153,7 +153,7 @@ impl Axes {
         nearest(good)
     }
 
-    /// The tuning with this bandwidth. It is limited to the ends of the axis.
+    /// The tuning with this bandwidth. The tuning is limited to the ends of the axis.
     fn tuning_of(&self, hz: f64) -> f64 {
         let [low, high] = self.bandwidth_hz;
         if hz <= low {

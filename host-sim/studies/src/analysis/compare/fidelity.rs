@@ -9,8 +9,8 @@
 //! error is not included either, because the impedance would depend on the force. Other elements, for example mode, arm
 //! or friction, would only change the motion, which is prescribed here.
 //!
-//! An estimator that needs a force gets the motor's force when it is granted, as in the loop. It does not get the force
-//! of the hand, which moves the handle.
+//! An estimator that needs a force gets the motor's force when it is granted, as in the loop. The estimator does not
+//! get the force of the hand, which moves the handle.
 //!
 //! **The estimator's share.** Hold and latency of the loop change the impedance, equally for all estimators. So a
 //! second loop uses the true velocity at the sample instead of the estimate. The distance between the impedances of

@@ -1,5 +1,5 @@
-//! Results of a search, for each tuning. Each tuning is walked from the first start. It is walked from the second start
-//! only if it can still win.
+//! Results of a search, for each tuning. Each tuning is walked from the first start. A tuning is walked from the second
+//! start only if it can still win.
 //!
 //! If the first area of a tuning is below [`CAN_WIN`] of the best area, the tuning could only win with a second area
 //! above 105 % of the best area. In the searches of paper-1um, second areas of these tunings reached at most 95 % of

@@ -62,7 +62,8 @@ use crate::{
 pub enum Entry {
     /// An estimator that the search tunes.
     Tuned(EstimatorName),
-    /// Observer with known latency. It gets each force when the force acts, and not when the force is granted.
+    /// Observer with known latency. The observer gets each force when the force acts, and not when the force is
+    /// granted.
     ObserverInTime,
     /// A common choice without tuning: a first-order low-pass at 50 Hz.
     AdHoc,
@@ -267,7 +268,7 @@ const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
 /// half of the largest B that it reaches is used.
 const USUAL_DAMPING_N_S_PER_M: f64 = 100.0;
 
-/// B at which K is read: the default, or half of the B that these boundaries reach. It is on the walk's grid.
+/// B at which K is read: the default, or half of the B that these boundaries reach. The result is on the walk's grid.
 pub fn damping_of(boundaries: Option<&Boundaries>, scene: &Scene) -> f64 {
     let plan = scene.walk_plan();
     let reached = boundaries.map_or(0.0, |boundaries| {

@@ -37,7 +37,7 @@ pub struct Budget {
     /// Largest number of tunings with one parameter, 3 or more. With two parameters the limit is [`OF_TWO`] times
     /// larger.
     pub tunings: u32,
-    /// Number of walks of the result, 1 or more. Their starts are spread over a count.
+    /// Number of walks of the result, 1 or more. The starts of these walks are spread over a count.
     pub repeats: u32,
 }
 
@@ -59,7 +59,7 @@ const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
 const LINES: u32 = 3;
 /// A neighbour is better if its area is larger by more than this share.
 pub const GAIN: f64 = 0.002;
-/// Smallest step, as a ratio of bandwidths. It does not apply to whole numbers, which use `LEAST_STEP`.
+/// Smallest step, as a ratio of bandwidths. For whole-number tunings, `LEAST_STEP` is used instead.
 pub const LAST_STEP: f64 = 1.03;
 /// Smallest step of any kind, as a part of the range.
 const LEAST_STEP: f64 = 1e-4;
@@ -256,8 +256,8 @@ pub(super) struct Search {
 
 impl Search {
     /// Tries at most `tunings` tunings. With two axes, the limit is [`OF_TWO`] times as large. `look` returns the
-    /// result of each tuning. Its other arguments are the tunings that come next if none of these tunings is better,
-    /// and the largest area so far.
+    /// result of each tuning. The other arguments of `look` are the tunings that come next if none of these tunings is
+    /// better, and the largest area so far.
     pub(super) fn over(
         axes: &Axes,
         tunings: u32,

@@ -22,9 +22,9 @@ use crate::{
 
 /// Number of members with the first cap.
 const MAIN: usize = 24;
-/// Number of members with each of the other caps.
+/// Number of members with each further cap.
 const EACH: usize = 8;
-/// Share of coordinates that a member's trial takes from the step. The other coordinates do not change.
+/// Share of the coordinates that change when a member tries a step.
 const CROSSING: f64 = 0.8;
 
 /// A point of the search. Each coordinate is 0 to 1.

@@ -1,6 +1,6 @@
 //! Finds the best velocity filter for a device, and not only the best cutoff. The filter has one or two biquads after
-//! the finite difference, in the core's fixed point. It is designed for the worst of several conditions. A condition
-//! sets the push, the hand and the limit.
+//! the finite difference, in the core's fixed point. The filter is designed for the worst of several conditions. A
+//! condition sets the push, the hand and the limit.
 //!
 //! * The quality of a filter is its area divided by the area of finite difference and Butterworth at its best cutoff of
 //!   `[sweep]`, in the worst condition. With one condition, the best filter has the largest area.
@@ -10,8 +10,8 @@
 //! * The best filters of each cap are walked again on the scene's grid, from other starts. The best of these are walked
 //!   from the starts of a sweep. So the selection does not bias the area in the result. With one repeat, all walks have
 //!   one start, and the area is biased upwards.
-//! * Roughness is measured as in [`compare`](super::compare), at the same wall. Here, Butterworth's cutoff is a cutoff
-//!   of `[sweep]`. The area with a frequency or damping that is wrong by [`MISTUNED_BY`] is also measured.
+//! * Roughness is measured as in [`compare`](super::compare), at the same wall. But for a design, Butterworth's cutoff
+//!   is a cutoff of `[sweep]`. The area with a frequency or damping that is wrong by [`MISTUNED_BY`] is also measured.
 
 pub mod evolution;
 mod references;

@@ -88,8 +88,8 @@ impl Shape {
         Self { frequency_hz, damping, lead_s, zero, second }
     }
 
-    /// Sets the second section so that it has no effect, with both zeros on its two equal poles. Its frequency must be
-    /// in the range of the search.
+    /// Sets the second section so that it has no effect, with both zeros on its two equal poles. The frequency of the
+    /// second section must be in the range of the search.
     pub fn without_second(place: &mut [f64], rate_hz: f64) {
         let ratio = FREE * rate_hz / Self::at(place, rate_hz).frequency_hz;
         let ratio = (ratio / RATIO[0]).ln() / (RATIO[1] / RATIO[0]).ln();
@@ -137,7 +137,7 @@ impl Shape {
         self.response(design).map(|response| gain_peak_db(&response, design.rate_hz))
     }
 
-    /// The same filter with its frequencies or its dampings multiplied by a factor. Its leads stay within the range of
+    /// The same filter with its frequencies or its dampings multiplied by a factor. The leads stay within the range of
     /// the core.
     fn off(&self, place: usize, factor: f64, design: &Design) -> Option<Self> {
         let mut other = *self;

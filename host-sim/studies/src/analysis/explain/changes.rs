@@ -133,8 +133,8 @@ fn integrated(mut scene: Scene) -> Scene {
     scene
 }
 
-/// All changes for which the core accepts the changed scene. They are in the order of the loop: encoder, velocity,
-/// time, output, amplifier, motor, mechanics.
+/// All changes for which the core accepts the changed scene. The changes are in the order of the loop: encoder,
+/// velocity, time, output, amplifier, motor, mechanics.
 pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
     let mut all = vec![];
     let mut add = |name, kind, text: String, cost: String, edit: &dyn Fn(&mut Scene)| {

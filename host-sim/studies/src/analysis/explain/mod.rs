@@ -51,7 +51,7 @@ const FINAL_TUNINGS: u32 = 2;
 /// Walks of each change in addition to its search. The scene is walked with the change's tuning. The change is walked
 /// with its own tuning and with the scene's tuning.
 const POOLED: u64 = 3 * STARTS.len() as u64;
-/// Number of tunings for a plant that is integrated step by step. Its walks take ten times as long.
+/// Number of tunings for a plant that is integrated step by step. Walks of an integrated plant take ten times as long.
 const INTEGRATED_TUNINGS: u32 = 5;
 
 /// A scene with one element changed, and its walls.
@@ -141,8 +141,8 @@ impl Explanation {
     }
 }
 
-/// Estimators that may replace the scene's estimator. They need only the position. The scene's own estimator is left
-/// out.
+/// Estimators that may replace the scene's estimator. These estimators need only the position. The scene's own
+/// estimator is left out.
 pub fn estimators(scene: &Scene) -> Vec<EstimatorName> {
     let own = scene.velocity.estimator();
     let named = Entry::usual(scene).into_iter().filter_map(|entry| match entry {

@@ -114,7 +114,7 @@ impl Included {
         !(self.friction || self.lag || self.phase || self.cogging)
     }
 
-    /// Whether friction falls with the speed, or there is cogging. Then one step of the motion is not exact.
+    /// Whether friction falls with the speed, or there is cogging. If so, one step of the motion is not exact.
     pub(super) fn is_curved(self) -> bool {
         self.stribeck || self.cogging
     }

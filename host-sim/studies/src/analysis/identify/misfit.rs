@@ -8,8 +8,9 @@
 //! Three measures are compared: the mean square, the mean square of the means over [`BLOCKS`] stretches, and the mean
 //! square with the weights of the fit. The third measure is necessary, because a long rest hides the motion in the
 //! first two measures. The copies give the mean and the standard deviation of the logarithm of each measure. The
-//! residual is too large, or too coloured, if two conditions hold. The logarithm of its measure is more than [`BEYOND`]
-//! standard deviations above the mean. Its measure is more than [`WORTH`] times the measure of every copy.
+//! residual is too large, or too coloured, if two conditions are true. First, the logarithm of its measure is more than
+//! [`BEYOND`] standard deviations above the mean. Second, the measure is more than [`WORTH`] times the measure of every
+//! copy.
 
 use nalgebra::DVector;
 

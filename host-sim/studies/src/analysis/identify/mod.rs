@@ -280,7 +280,7 @@ fn first_values(
             guesses.push(guess);
             continue;
         }
-        // If friction holds the handle for a while, integrals over this time are wrong. So only windows in motion are
+        // Integrals over a time in which friction holds the handle at rest are wrong. So only windows in motion are
         // used.
         let held = options.terms.may_have_friction();
         let mut windows = guess::WINDOWS.into_iter().filter(|_| held).filter_map(|windows| {

@@ -1,5 +1,5 @@
-//! Designs an excitation for an identification. It consists of pulses of a board that show mass, damping and spring,
-//! within the limits of travel, speed and duty.
+//! Designs an excitation for an identification. The excitation consists of pulses of a board that show mass, damping
+//! and spring, within the limits of travel, speed and duty.
 //!
 //! The board's pulse train ([`pulse_train`]) does this four times: it moves the handle to the start, pushes it, and
 //! releases it. The force is as large as four limits allow:

@@ -10,7 +10,7 @@ use crate::{
 
 /// Smallest number of rows in a record.
 pub const FEWEST_ROWS: usize = 100;
-/// Largest number of rows in a record: 100 s at 10 kHz. An identification then takes half a minute.
+/// Largest number of rows in a record: 100 s at 10 kHz. An identification with so many rows takes half a minute.
 pub const MOST_ROWS: usize = 1_000_000;
 /// Largest deviation of a time stamp from an even grid, in steps. The limit allows time stamps with few digits.
 const JITTER_MAX: f64 = 0.1;
@@ -31,7 +31,7 @@ pub struct Record {
     pub start_s: f64,
     pub step_s: f64,
     pub drive: Drive,
-    /// Command of each row, V, N or A. It is constant until the next row.
+    /// Command of each row, V, N or A. The command is constant until the next row.
     pub command: Vec<f64>,
     /// Position at each row from the sensor, m.
     pub position_m: Vec<f64>,

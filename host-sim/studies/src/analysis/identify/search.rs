@@ -1,8 +1,8 @@
 //! Selects the terms of the model: forward selection with the test of [`super::terms`].
 //!
-//! Forward: among the terms that pass the test, the search adds the term that leaves the smallest residual. It repeats
-//! this until no term passes. The encoder's error is tried after all other terms. Backward: the search removes a term
-//! that no longer passes the test when the other terms are in the model.
+//! Forward: among the terms that pass the test, the search adds the term that leaves the smallest residual. The search
+//! repeats this until no term passes. The encoder's error is tried after all other terms. Backward: the search removes
+//! a term that no longer passes the test when the other terms are in the model.
 
 use std::{cell::OnceCell, f64::consts::TAU};
 
@@ -123,14 +123,14 @@ impl Model {
 }
 
 /// The terms that a record can show. The offset is only a candidate if the rest position is known or there is no
-/// spring. Otherwise the rest position includes the offset.
+/// spring. In all other cases the rest position includes the offset.
 fn candidates(layout: &Layout) -> Vec<Term> {
     let offset = layout.rest_m.is_some() || !layout.spring;
     Term::ALL.into_iter().filter(|term| *term != Term::Offset || offset).collect()
 }
 
-/// The model of the records. The search begins with first values of the plain model. It adds the terms that `options`
-/// request, or the terms that the records show.
+/// The model of the records. The search begins with first values of the plain model. The search adds the terms that
+/// `options` request, or the terms that the records show.
 ///
 /// # Errors
 /// One line: no model describes the records, or the records cannot distinguish parameters.

@@ -33,7 +33,7 @@ pub const FAMILY_P: f64 = 0.002;
 pub enum Term {
     /// Coulomb friction of the device.
     Friction,
-    /// Friction that falls from static to Coulomb friction. It needs [`Friction`](Self::Friction).
+    /// Friction that falls from static to Coulomb friction. This term needs [`Friction`](Self::Friction).
     Stribeck,
     /// First-order lag of the amplifier.
     Amplifier,
@@ -73,7 +73,7 @@ impl Term {
         }
     }
 
-    /// Whether the term is periodic in the position. Its period must be found.
+    /// Whether the term is periodic in the position. The period of a periodic term must be found.
     pub(super) fn is_periodic(self) -> bool {
         matches!(self, Self::Cogging | Self::Phase)
     }
@@ -117,7 +117,7 @@ pub enum Terms {
     /// These terms, even if the record does not show them.
     These {
         friction: bool,
-        /// Static friction and Stribeck speed. It needs `friction`.
+        /// Static friction and Stribeck speed. This term needs `friction`.
         stribeck: bool,
         amplifier: bool,
         offset: bool,

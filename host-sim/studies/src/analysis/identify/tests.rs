@@ -65,7 +65,7 @@ impl Dice {
     }
 }
 
-/// A device with its drive. Its Coulomb friction may vary with the position.
+/// A device with its drive. The Coulomb friction of the device may vary with the position.
 struct Driven {
     mass_kg: f64,
     damping: f64,
@@ -355,8 +355,8 @@ fn any_record_with_any_options_is_answered_or_refused() {
     assert!(answered * 20 > cases);
 }
 
-/// A knob in a speed loop. Its friction varies with its angle. The fit of the encoder's error once found that friction
-/// holds the knob at the first row, but continued with a layout that has a first speed.
+/// A knob in a speed loop. The friction of the knob varies with its angle. The fit of the encoder's error once found
+/// that friction holds the knob at the first row, but continued with a layout that has a first speed.
 #[test]
 fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     const RADIUS_M: f64 = AXIS_M;

@@ -11,10 +11,11 @@
 //! ```text
 //! e(n) - trace(P) e(n - stride) + det(P) e(n - 2 stride)
 //! ```
-//! is the missing force over two strides, with triangular weights. It does not depend on earlier forces. The weighted
-//! residual is a prediction error with a disturbance model at the input. It is also valid in a closed loop (Ljung,
-//! System Identification, 2nd edition, sections 4.2 and 13.4). With a short stride, noise of the positions dominates.
-//! With a long stride, no motion remains. The stride is the geometric mean of both limits.
+//! is the missing force over two strides, with triangular weights. This missing force does not depend on earlier
+//! forces. The weighted residual is a prediction error with a disturbance model at the input. Least squares of this
+//! error is also valid in a closed loop (Ljung, System Identification, 2nd edition, sections 4.2 and 13.4). With a
+//! short stride, noise of the positions dominates. With a long stride, no motion remains. The stride is the geometric
+//! mean of both limits.
 
 use super::motion::Motion;
 

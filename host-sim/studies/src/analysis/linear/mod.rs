@@ -15,7 +15,7 @@
 //! Its eigenvalues show which side of a crossing is stable.
 //!
 //! Passivity ([`passivity`]) is a stricter criterion (after Colgate and Schenkel): no motion may take energy out of the
-//! port. It ranks cutoffs in the opposite order.
+//! port. Passivity ranks cutoffs in the opposite order.
 //!
 //! A plant with linear elements ([`Elements`]) may replace the single mass: the amplifier's lag, a second mode, or an
 //! arm. Non-linear elements are not included.
@@ -84,7 +84,7 @@ pub struct Loop {
     pub rate_hz: f64,
     /// Samples per force output, 1 to [`PERIOD_MAX`].
     pub period: u32,
-    /// Time from a sample to the force computed from it, in samples. It may be any real number from 0 to
+    /// Time from a sample to the force computed from it, in samples. The latency may be any real number from 0 to
     /// [`LATENCY_MAX_SAMPLES`].
     pub latency_samples: f64,
     /// Velocity estimator at the sample rate, m/s per m.

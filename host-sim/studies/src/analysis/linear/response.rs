@@ -11,11 +11,11 @@
 //! Hx = z^-q n_x / D,   q whole periods of latency
 //! x at sample i of the period = (phi(i T) n)_x / D + a_i + b_i / z    (times z^-q)
 //! ```
-//! A plant with more states uses the same equations. There `n = (delta - E)^-1 (..)` comes from a matrix decomposition
-//! instead of adjugate and determinant.
+//! A plant with more states uses the same equations. For this plant, `n = (delta - E)^-1 (..)` comes from a matrix
+//! decomposition instead of adjugate and determinant.
 //!
-//! The input of the estimator is the samples `x_i z^n`. They are a sum of the aliases `exp(j (w + 2 pi l) / period)`.
-//! The estimator's transfer function applies to each alias.
+//! The input of the estimator is the samples `x_i z^n`. These samples are a sum of the aliases `exp(j (w + 2 pi l) /
+//! period)`. The estimator's transfer function applies to each alias.
 
 use super::{LinearError, Loop, acting::Acting, transfer::TransferFunction};
 use crate::{
@@ -37,14 +37,14 @@ pub(super) struct Point {
 }
 
 impl Point {
-    /// The stiffness that gives a root at this frequency. It is complex except at a crossing.
+    /// The stiffness that gives a root at this frequency. The stiffness is complex except at a crossing.
     pub(super) fn stiffness(&self, damping: f64) -> Complex<f64> {
         -(self.inverse + self.velocity * damping)
     }
 }
 
-/// Response of the position at one sample within a period. It has a part from the state (x, v) at the start of the
-/// period, and a part from each of the two forces.
+/// Response of the position at one sample within a period. The response has a part from the state (x, v) at the start
+/// of the period, and a part from each of the two forces.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     x: f64,

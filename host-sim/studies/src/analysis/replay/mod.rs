@@ -33,7 +33,7 @@ pub struct Replayed {
     pub first: u64,
     /// Position of each sample.
     pub positions: Vec<Position>,
-    /// Velocity of the board at each sample. It comes from an output, or is computed from keys and counts.
+    /// Velocity of the board at each sample. This velocity comes from an output, or is computed from keys and counts.
     pub board: Vec<Velocity>,
     /// Velocity of the estimator at each sample.
     pub velocities: Vec<Velocity>,
@@ -100,8 +100,8 @@ impl Replayed {
         [0, 1].map(|n| rms(pairs.windows(2).map(|two| two[1][n] - two[0][n])))
     }
 
-    /// Delay relative to the board, samples. It is the shift with the smallest difference, interpolated by a parabola.
-    /// `None` if nothing moved. If `stop` is set, the value has no meaning.
+    /// Delay relative to the board, samples. The delay is the shift with the smallest difference, interpolated by a
+    /// parabola. `None` if nothing moved. If `stop` is set, the value has no meaning.
     pub fn later(&self, stop: &AtomicBool) -> Option<f64> {
         let pairs: Vec<[f64; 2]> = self.pairs().collect();
         let moved = pairs.iter().any(|[board, here]| *board != 0.0 && *here != 0.0);

@@ -36,7 +36,8 @@ pub const POINTS_MAX: u64 = 1_000_000_000;
 pub const VARIANTS_MAX: u64 = 1_000_000;
 /// Largest number of units of a study.
 pub const UNITS_MAX: u64 = 100_000;
-/// Default number of samples in a unit. It takes some seconds in lanes, and less than a minute without lanes.
+/// Default number of samples in a unit. A unit of this size takes some seconds in lanes, and less than a minute without
+/// lanes.
 const SAMPLES_PER_UNIT: f64 = 1e9;
 /// Estimated hits of a walk for this default. Walks of the paper's devices have 40 to 160 hits.
 const HITS_PER_WALK: f64 = 100.0;
@@ -313,7 +314,8 @@ impl StudyFile {
         changes
     }
 
-    /// A scene with an estimator. An empty table gives the scene's own estimator. Its points have no numbers yet.
+    /// A scene with an estimator. An empty table gives the scene's own estimator. The points of the block have no
+    /// numbers yet.
     fn block(&self, scene: &NamedScene, estimator: &Table) -> Result<Block, Error> {
         let mut table = scene.table()?;
         if !estimator.is_empty() {

@@ -12,8 +12,8 @@
 //! lower bound. A bootstrap tests the best cutoff in the worst draws: devices are drawn again from the drawn devices.
 //! If another cutoff leads in too many of these samples, it cannot be distinguished from the best cutoff.
 //!
-//! The contour of 95 % ([`contour`]) shows the walls that a firmware may render. It is fitted with fresh draws, and
-//! tested with further draws.
+//! The contour of 95 % ([`contour`]) shows the walls that a firmware may render. This contour is fitted with fresh
+//! draws, and tested with further draws.
 
 pub mod contour;
 
@@ -74,7 +74,7 @@ pub struct Drawn {
 }
 
 impl Draws {
-    /// Draws of `devices` devices, with `starts` starts each. With 0 devices, the scene's own device is used.
+    /// Draws of `devices` devices. Each device has `starts` starts. With 0 devices, the scene's own device is used.
     ///
     /// # Errors
     /// Devices are requested, but the scene has no `[uncertainty]`.
@@ -258,8 +258,8 @@ impl Map {
     }
 }
 
-/// The 95 % interval of a quantile, as positions in the sorted draws from 0 to 1. It is valid for any distribution
-/// (Conover, *Practical Nonparametric Statistics*, 1999, section 3.2). `None` if there is no bound.
+/// The 95 % interval of a quantile, as positions in the sorted draws from 0 to 1. This interval is valid for any
+/// distribution (Conover, *Practical Nonparametric Statistics*, 1999, section 3.2). `None` if there is no bound.
 pub fn ranks(draws: u32, share: f64) -> [Option<f64>; 2] {
     let Ok(below) = Binomial::new(share, draws.into()) else { return [None; 2] };
     // Rank r of 1 to n has the position (r - 1) / (n - 1).

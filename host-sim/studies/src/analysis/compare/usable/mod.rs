@@ -1,9 +1,9 @@
 //! Fidelity as a limit: the area of the walls that are stable and are rendered as commanded.
 //!
 //! A wall is usable within a limit if the magnitude of its rendered impedance is correct within this limit, from 1 to
-//! 30 Hz ([`Rendered`]). The usable area is the part of a boundary's area with usable walls. It is computed from the
-//! walks of the whole area, without further hits. Each estimator is tuned again for each limit, with the search of
-//! [`search`](super::search) and from the same starts.
+//! 30 Hz ([`Rendered`]). The usable area is the part of a boundary's area with usable walls. The usable area is
+//! computed from the walks of the whole area, without further hits. Each estimator is tuned again for each limit, with
+//! the search of [`search`](super::search) and from the same starts.
 
 mod table;
 
@@ -79,7 +79,7 @@ pub struct UsableQuestion {
 }
 
 impl UsableQuestion {
-    /// A question for these estimators. Its limits are these [`percents`], and a last limit that allows any error.
+    /// A question for these estimators. The limits are these [`percents`], and a last limit that allows any error.
     pub fn of(entries: Vec<Entry>, percents: &[f64], budget: Budget) -> Self {
         let limits = percents.iter().map(|percent| percent / 100.0).chain([f64::INFINITY]);
         Self { entries, limits: limits.collect(), budget }

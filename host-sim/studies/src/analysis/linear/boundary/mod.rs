@@ -6,9 +6,9 @@
 //! K > 0 divide the K axis into intervals. In each interval the number of unstable roots is constant. Eigenvalues give
 //! this number in the interval with the clearest result. The crossings give the numbers in the other intervals.
 //!
-//! The paper's gain margin, eq. (5), is the smallest of these crossings. It is the boundary only if the loop is stable
-//! as K tends to 0. Even then it gives no information about stable intervals above. [`StiffnessLimit`] reports the
-//! boundary and these intervals.
+//! The paper's gain margin, eq. (5), is the smallest of these crossings. The gain margin is the boundary only if the
+//! loop is stable as K tends to 0. Even then the gain margin gives no information about stable intervals above it.
+//! [`StiffnessLimit`] reports the boundary and these intervals.
 
 use super::{
     LinearError, Loop,
@@ -66,12 +66,12 @@ pub struct StiffnessLimit {
     /// Upper end of the stable interval from K = 0, N/m. The loop is stable for every K between 0 and this value. 0 if
     /// there is no such interval. Infinite if no stiffness makes the loop unstable.
     pub stiffness_max: f64,
-    /// Whether the loop is unstable as K tends to 0. Then virtual damping alone makes it unstable, and a gain margin
-    /// has no meaning.
+    /// Whether the loop is unstable as K tends to 0. If so, virtual damping alone makes the loop unstable, and a gain
+    /// margin has no meaning.
     pub unstable_at_zero: bool,
-    /// All K > 0 with roots on the circle, in ascending order. There the phase of the paper's eq. (5) is -180 degrees.
-    /// Stiffnesses above a thousand times the loop's own (k + b/T + m/T^2 + B/T) are left out, because no wall is
-    /// stable there.
+    /// All K > 0 with roots on the circle, in ascending order. At these K the phase of the paper's eq. (5) is -180
+    /// degrees. Stiffnesses above a thousand times the loop's own (k + b/T + m/T^2 + B/T) are left out, because no wall
+    /// is stable there.
     pub phase_crossings: Vec<Crossing>,
     /// Further stable intervals (low, high) of K, N/m, above `stiffness_max`.
     pub further_stable: Vec<(f64, f64)>,
@@ -92,7 +92,7 @@ impl StiffnessLimit {
     }
 }
 
-/// Stability boundary of one loop. It is prepared once and then evaluated for any damping.
+/// Stability boundary of one loop. The boundary is prepared once and then evaluated for any damping.
 #[derive(Clone, Debug)]
 pub struct Boundary {
     response: Response,
@@ -327,7 +327,7 @@ impl Intervals {
     }
 }
 
-/// Search points. They are logarithmic from both ends of (0, pi), and dense enough for the phase of the latency.
+/// Search points. The points are logarithmic from both ends of (0, pi), and dense enough for the phase of the latency.
 fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     let fine = f64::from(refinement);
     let ratio = libm::pow(10.0, 1.0 / (fine * f64::from(PER_DECADE)));

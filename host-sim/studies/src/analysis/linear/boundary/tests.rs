@@ -222,8 +222,8 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
 
 #[test]
 fn what_nothing_damps_holds_no_wall() {
-    // Two bodies are joined by a spring or a damper, without a connection to the ground. By rounding, a stiffness of
-    // 1e-12 N/m could seem to hold them.
+    // Two bodies are joined by a spring or a damper, without a connection to the ground. By rounding, the bodies could
+    // seem to be on a spring of 1e-12 N/m to the ground.
     let device = Device { mass_kg: 1.3, damping_n_s_per_m: 0.0, stiffness_n_per_m: 0.0 };
     let joined = |stiffness_n_per_m, damping_n_s_per_m| {
         Some(Mode { mass_kg: 0.18, stiffness_n_per_m, damping_n_s_per_m })
@@ -347,7 +347,8 @@ fn winding_number_counts_as_eigenvalues_do() {
 
 #[test]
 fn long_latency_follows_gils_rule() {
-    // For low damping, K < b / (T/2 + latency) (Gil et al. 2009). Here the limit is within 2 % at 200 and 1000 samples.
+    // For low damping, K < b / (T/2 + latency) (Gil et al. 2009). In this test the limit is within 2 % at 200 and 1000
+    // samples.
     for latency_samples in [50.0, 200.5, 1000.0] {
         let device = Device { mass_kg: 10.0, damping_n_s_per_m: 1.0, stiffness_n_per_m: 0.0 };
         let estimator = TransferFunction::finite_difference(1e4);
@@ -461,8 +462,8 @@ fn crossings_and_winding_number_count_alike_for_long_latency() {
 #[test]
 fn stable_interval_is_followed_until_it_closes() {
     // The filter is far slower than the device with its spring. With growing damping, the loop first becomes unstable
-    // at K = 0. A stable interval remains at higher K, and shrinks to a point. There two crossings meet between search
-    // points.
+    // at K = 0. A stable interval remains at higher K, and shrinks to a point. At this point two crossings meet between
+    // search points.
     let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
     let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0).unwrap());
     let boundary = Boundary::new(&of).unwrap();
