@@ -30,8 +30,8 @@ use crate::{
     work::raised,
 };
 
-/// A velocity estimator of the control core, with its state. From recorded counts it computes the velocities of the
-/// firmware.
+/// A velocity estimator of the control core, with its state. From recorded counts the estimator computes the velocities
+/// of the firmware.
 ///
 /// Parameters
 /// ----------
@@ -50,9 +50,7 @@ use crate::{
 /// ValueError
 ///     There is no such estimator, or a parameter is out of range.
 ///
-/// Notes
-/// -----
-/// A copy (`copy.copy`) continues independently, from the state at which it was made.
+/// Notes ----- A copy (`copy.copy`) begins with the state of the original, and then continues independently.
 ///
 /// Examples
 /// --------
@@ -78,8 +76,8 @@ const BLOCK: usize = 1 << 16;
 const NAMES: Names =
     Names { cutoff: "cutoff", stiffness: "", damping: "", start_offset: "start_offset" };
 
-/// The table `[velocity]` for the estimator of this name. It has the scene's own keys if the scene has this estimator.
-/// Otherwise it has the defaults and the device's mass.
+/// The table `[velocity]` for the estimator of this name. If the scene has this estimator, the table has the scene's
+/// own keys. Otherwise the table has the defaults and the device's mass.
 fn velocity_table(name: &str, scene: &NamedScene) -> PyResult<toml::Table> {
     let found = EstimatorName::ALL.iter().find(|known| known.text() == name);
     let found = found.ok_or_else(|| {
@@ -244,7 +242,7 @@ impl Estimator {
         self.clone()
     }
 
-    /// Velocities at these counts. The next block continues after the last count.
+    /// Velocities at these counts. The next call continues after the last count of this call.
     ///
     /// Parameters
     /// ----------
@@ -254,8 +252,8 @@ impl Estimator {
     /// force, acceleration : array of int, optional
     ///     Mean force and mean acceleration since the last sample, in the core's format (docs/estimators.md).
     /// edge_age, edge_up : array, optional
-    ///     `edge_age` is the time from the latest edge to the sample, in 2^-16 samples. It is below 0 before the first
-    ///     edge. `edge_up` says whether the count increased at this edge.
+    ///     `edge_age` is the time from the latest edge to the sample, in 2^-16 samples. Before the first edge the value
+    ///     is below 0. `edge_up` says whether the count increased at this edge.
     /// bits : bool
     ///     Return the core's integers instead of m/s.
     ///

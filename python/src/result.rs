@@ -325,7 +325,7 @@ impl<T: Number> Array<T> {
         Self::new(py, rows.iter().map(of).collect())
     }
 
-    /// A writable array of these values. The caller owns it.
+    /// A writable array of these values. The caller owns the array.
     pub fn writable(py: Python<'_>, values: Vec<T>) -> Self {
         Self(values.into_pyarray(py).to_dyn().clone().unbind())
     }

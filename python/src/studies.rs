@@ -281,7 +281,7 @@ result! { table
         hits: u64,
         /// Reason for the end of the walk; None if its first point is unstable.
         ended_by: Option<String>,
-        /// Largest K of the boundary, N/m; 0 if it is empty.
+        /// Largest K of the boundary, N/m; 0 if the boundary is empty.
         stiffness_peak_n_per_m: f64,
         /// Largest B with a stable K, N s/m; 0 if the boundary is empty.
         damping_max_n_s_per_m: f64,
@@ -330,7 +330,7 @@ fn walked(py: Python<'_>, scene: &str, hz: Option<f64>, boundary: &Boundary) -> 
 /// numeric : {"fixed", "f64", "f64-rounded"}
 ///     As in `hit`.
 /// threads : int, optional
-///     Number of threads. Default: all cores. The result does not depend on it.
+///     Number of threads. Default: all cores. The result does not depend on this number.
 ///
 /// Raises
 /// ------

@@ -52,10 +52,11 @@ pub fn raised(error: Error) -> PyErr {
 }
 
 /// Runs `work` on another thread, with `threads` threads or with all cores. Calls `progress` when the number of
-/// finished pieces changes. Its arguments are this number and `total`, which is 0 if it is unknown.
+/// finished pieces changes. The arguments of `progress` are this number and `total`. `total` is 0 if the number of all
+/// pieces is unknown.
 ///
-/// An exception of `progress` or of a signal is raised at once. The work ends later, when it checks `stop`. So the work
-/// must own its data, must not use Python objects, and must not write a file.
+/// An exception of `progress` or of a signal is raised at once. The work ends later, when the work checks `stop`. So
+/// the work must own its data, must not use Python objects, and must not write a file.
 ///
 /// # Errors
 /// The error of the work, of `progress`, or of a signal.

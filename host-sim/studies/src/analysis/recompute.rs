@@ -1,8 +1,9 @@
 //! Computes every sample of a capture again with the core, from the board's counts and key frames (keys).
 //!
 //! A key has the state of the sampler. From there to the next key, every velocity follows from the counts, and every
-//! force from the settings. The board's outputs, and the state in its next key, must be equal, bit for bit. If they
-//! differ, the first sample with a difference is reported. The samples after it, up to the next key, are not compared.
+//! force from the settings. The board's outputs, and the state in its next key, must be equal, bit for bit. If outputs
+//! or state differ, the first sample with a difference is reported. Later samples, up to the next key, are not
+//! compared.
 
 use std::{
     collections::HashMap,
@@ -378,7 +379,7 @@ fn follow(
 /// The path to a key after a change of the tuning or of the count's zero. A change normally acts from the sample after
 /// an output on. A later sample is used only if no other path ends in the key's state. The motion in the sample that
 /// sets the count to zero is unknown. This motion follows from the key's state. `None` if no path ends in this state.
-/// Also `None` if several later paths end in it with different velocities.
+/// Also `None` if several paths from later samples end in this state with different velocities.
 fn followed(
     samples: &[Told],
     state: velocity::State,

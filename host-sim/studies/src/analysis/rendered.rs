@@ -3,9 +3,10 @@
 //!
 //! The loop of the scene (encoder, estimator in the core's integers, wall, output period, latency) runs with a
 //! prescribed motion of [`AMPLITUDE_COUNTS`]. The ratio of the Fourier coefficients of force and motion is the
-//! impedance. For a non-linear estimator this is its describing function at this amplitude. For a linear estimator it
-//! is the frequency response, except for the rounding of the counts. A prescribed motion needs no arm, because any hand
-//! feels the force that belongs to the motion. The arm only decides which walls are stable.
+//! impedance. For a non-linear estimator, this impedance comes from the describing function of the estimator at this
+//! amplitude. For a linear estimator, it comes from the frequency response, except for the rounding of the counts. A
+//! prescribed motion needs no arm, because any hand feels the force that belongs to the motion. The arm only decides
+//! which walls are stable.
 //!
 //! **Magnitude.** [`Rendered`] stores the estimator's response at [`HZ`], 1 to 30 Hz: `V = a X + c F`. `a` is the
 //! velocity per motion. `c` is the velocity per force, for an estimator that gets the force. `c` is 0 except for
@@ -94,8 +95,8 @@ pub(super) struct Sine<'a> {
 
 /// One output of the record.
 pub(super) struct Output {
-    /// Factor that gives the contribution of the force to the fundamental. A held force acts as if it came in the
-    /// middle of its hold.
+    /// Factor that gives the contribution of the force to the fundamental. A held force acts like a short push in the
+    /// middle of the hold.
     pub(super) acts: Complex<f64>,
     /// Depth behind the surface from the counts, m.
     pub(super) depth_m: f64,
@@ -256,7 +257,7 @@ impl Rendered {
                     (velocity - by_motion) / force
                 }
             };
-            // The coefficients already contain the delay of hold and latency, so it is not added again.
+            // The coefficients already contain the delay of hold and latency, so this delay is not added again.
             let [hold, lag] = sine.held();
             let held = hold * lag;
             let omega_per_s = 2.0 * PI * sine.frequency_hz;

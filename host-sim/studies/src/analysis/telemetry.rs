@@ -105,7 +105,7 @@ impl Capture {
         let mut runs = vec![Vec::new()];
         let mut last = 0;
         for frame in &self.frames {
-            // A record from the black box belongs to the run in which it was read.
+            // A record from the black box belongs to the run in which the black box was read.
             if live(&frame) {
                 if frame.record.sample < last {
                     runs.push(Vec::new());

@@ -26,8 +26,8 @@ const LOOKED_AT_MAX: usize = 400;
 pub struct Guide(Vec<i32>);
 
 impl Guide {
-    /// Adds the last point of a boundary, if it is new. `last` is the K of this point and the number of points. The
-    /// points are in the order of B.
+    /// Adds the last point of a boundary, if this point is new. `last` is the K of this point and the number of points.
+    /// The points are in the order of B.
     pub fn follow(&mut self, last: Option<(i32, usize)>) {
         if let Some((stiffness, _)) = last.filter(|(_, points)| *points > self.0.len()) {
             self.0.push(stiffness);

@@ -143,7 +143,8 @@ impl LeverResult {
     }
 }
 
-/// The loops of a scene. The scene's own loop is the first. A board's loop that is equal to it is left out.
+/// The loops of a scene. The scene's own loop is the first. A board's loop that is equal to the scene's own loop is
+/// left out.
 ///
 /// # Errors
 /// The scene is not allowed with a board's output.

@@ -40,7 +40,7 @@ pub enum Limit {
 }
 
 impl Limit {
-    /// Whether both limits are of one kind. If so, hits for the larger limit also serve the smaller limit.
+    /// Whether both limits are of the same kind. If so, hits for the larger limit also serve the smaller limit.
     fn is_like(self, other: Self) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
     }
@@ -136,7 +136,7 @@ struct Known {
     no_contact: bool,
     rms_m: Option<f64>,
     level_db: Option<f64>,
-    /// Verdict for a quiet wall. There is only one limit of this kind.
+    /// Verdict for a quiet wall. A question has at most one limit for quiet walls.
     quiet: Option<Verdict>,
 }
 

@@ -5,7 +5,7 @@ use crate::scene::ranges::VALUES_MAX;
 #[derive(Clone, Debug, PartialEq)]
 pub struct List(pub Vec<f64>);
 
-/// Reads `A,B,C` or `FROM:STEP:TO`. TO is included if a step reaches it.
+/// Reads `A,B,C` or `FROM:STEP:TO`. TO is included if a step reaches TO.
 ///
 /// # Errors
 /// The error, and what is allowed.

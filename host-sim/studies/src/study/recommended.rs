@@ -412,7 +412,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
             .filter(|at| area(at) > 0.0)
     }
 
-    /// Further cutoffs near the best one, between the best cutoff and its neighbours or beyond the list.
+    /// Further cutoffs near the best cutoff, between this cutoff and its neighbours or beyond the list.
     fn more(&self, goes_on: bool) -> Vec<f64> {
         let Some(best) = self.best() else { return vec![] };
         let hz = |place: usize| self.cutoffs.get(place).map(|result| result.cutoff_hz);

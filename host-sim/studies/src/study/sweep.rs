@@ -75,7 +75,7 @@ impl RangeBasis {
     }
 }
 
-/// If the ratio of neighbouring cutoffs is above this value, they are too far apart.
+/// If the ratio of neighbouring cutoffs is above this value, the cutoffs are too far apart.
 const COARSE: f64 = 1.3;
 
 /// The walks of a study.
@@ -144,8 +144,8 @@ pub fn ascending(cutoffs_hz: &[f64]) -> Vec<f64> {
     sorted
 }
 
-/// The scene's filters at these cutoffs, ascending and without repetition. If the filter has no cutoff, only this
-/// filter.
+/// The scene's filters at these cutoffs, ascending and without repetition. If the filter has no cutoff, the list has
+/// only this filter.
 pub fn filters(velocity: &VelocityTable, cutoffs_hz: &[f64]) -> Vec<VelocitySettings> {
     match velocity.has_cutoff() {
         true => ascending(cutoffs_hz).into_iter().map(|hz| velocity.at(hz)).collect(),
@@ -217,7 +217,7 @@ impl SweepResult {
         })
     }
 
-    /// A note if the cutoffs next to the ideal range are far from it.
+    /// A note if the cutoffs next to the ideal range are far from this range.
     fn coarse_range(&self) -> Option<String> {
         let [low, high] = self.ideal?.range_hz;
         let cutoffs = self.cutoffs.iter().map(|result| result.cutoff_hz);
@@ -360,7 +360,7 @@ mod tests {
         assert_eq!((widths[0], widths[6]), (1000.0, 300.0));
     }
 
-    /// A sweep's files come from this result, so it must not depend on engine, backend or threads.
+    /// A sweep's files come from this result, so the result must not depend on engine, backend or threads.
     #[test]
     fn a_sweep_is_the_same_on_every_backend_and_any_number_of_threads() {
         let available = Backend::ALL.into_iter().filter(|backend| backend.is_available());

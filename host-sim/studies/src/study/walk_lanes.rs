@@ -1,5 +1,5 @@
-//! Many walks in the lanes of one thread. A lane runs the next hit of a waiting walk. If no walk waits, it begins
-//! another walk. If all walks have begun, it runs a hit that a walk may need later ([`super::ahead`]).
+//! Many walks in the lanes of one thread. A lane runs the next hit of a waiting walk. If no walk waits, the lane begins
+//! another walk. If all walks have begun, the lane runs a hit that a walk may need later ([`super::ahead`]).
 
 use std::{
     collections::BTreeMap,
@@ -28,7 +28,7 @@ pub struct Start {
     pub start_offset_counts: f64,
 }
 
-/// Walks of one scene that wait for a lane. All threads share them.
+/// Walks of one scene that wait for a lane. All threads share this queue.
 pub struct Queue<'a> {
     pub prepared: &'a PreparedScene,
     pub starts: &'a [Start],

@@ -66,7 +66,7 @@ fn the_number_that_is_wrong_is_among_those_that_explain_the_difference() {
         assert!(best.iter().all(|tried| agreement.explains(tried)), "{name}");
         let found = best.iter().find(|tried| tried.suspect.name == name).expect(name);
         let [low, high] = found.range;
-        // The search finds an end of the range to within one interval.
+        // The search finds an end of the range with an error of at most one interval.
         assert!(NEAR * low <= value && value <= high / NEAR, "{name}: {low} to {high}");
         assert!(best.len() <= 4, "{name}: {} explain it", best.len());
     }

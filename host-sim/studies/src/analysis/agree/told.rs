@@ -88,7 +88,7 @@ fn key_of(units: Units, tried: &Tried) -> String {
     if !units.is_rotary() {
         return key.into();
     }
-    // In a rotary scene, each of these numbers comes from several keys.
+    // In a rotary scene, each of the following numbers comes from several keys.
     match key {
         "device.mass_kg" => "rotary.handle_inertia_kg_m2".into(),
         "actuator.gain_n_per_v" => "rotary.torque_constant_n_m_per_a".into(),

@@ -40,7 +40,7 @@ pub struct Axes {
     pub tuning: [f64; 2],
     /// Lowest and highest bandwidth, Hz.
     pub bandwidth_hz: [f64; 2],
-    /// For each end, whether the core refuses every tuning beyond it.
+    /// For each end, whether the core refuses every tuning beyond this end.
     pub refused_beyond: [bool; 2],
     /// Lowest and highest second parameter.
     pub second: Option<[f64; 2]>,

@@ -17,10 +17,10 @@
 //! both loops is the error of the estimator.
 //!
 //! **One number.** Errors grow with the frequency, so the highest frequency would dominate an RMS. The result is the
-//! geometric mean over all walls and [`FREQUENCIES_HZ`], which are evenly spaced on a logarithmic scale. So half the
-//! error has the same effect at each frequency. An error below [`FLOOR`] is set to [`FLOOR`], because a hand
-//! distinguishes two stiffnesses only if they differ by more than some 10 % (Jones and Hunter, Exp. Brain Res. 79,
-//! 1990: 23 %). `fidelity.csv` has every point.
+//! geometric mean over all walls and [`FREQUENCIES_HZ`], which are evenly spaced on a logarithmic scale. So if an
+//! estimator halves the error, the effect on the mean is the same at each frequency. An error below [`FLOOR`] is set to
+//! [`FLOOR`], because a hand distinguishes two stiffnesses only if they differ by more than some 10 % (Jones and
+//! Hunter, Exp. Brain Res. 79, 1990: 23 %). `fidelity.csv` has every point.
 
 use std::{f64::consts::PI, sync::atomic::AtomicBool};
 
@@ -234,7 +234,7 @@ mod tests {
         let noisy = with(|scene| scene.encoder_noise = Some(EncoderNoise { rms_m: 2e-6, seed: 1 }));
         assert!((noisy.of_estimator - plain.of_estimator).abs() > 1e-3, "{noisy:?} {plain:?}");
         let late = with(|scene| scene.jitter = Some(Jitter { peak_s: 9e-5, seed: 1 }));
-        // The count is read later than the controller assumes, so it is newer when the force acts.
+        // The count is read later than the controller assumes, so the count is newer when the force acts.
         assert!(late.of_loop < plain.of_loop - 1e-3, "{late:?}");
         let rounded = with(|scene| scene.encoder.rounding = Rounding::Round);
         assert!(rounded != plain && (rounded.error - plain.error).abs() < 1e-3, "{rounded:?}");

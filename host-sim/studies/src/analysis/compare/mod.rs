@@ -135,7 +135,7 @@ impl Entry {
         walker.length(&start)
     }
 
-    /// The scene in which the latency is known to the estimator, if this entry needs it.
+    /// The scene for this entry. If the entry needs the latency, the estimator knows the latency in this scene.
     fn told(self, scene: &Scene) -> Scene {
         let mut scene = scene.clone();
         scene.actuator.latency_known |= self == Self::ObserverInTime;
@@ -265,10 +265,11 @@ pub fn with_filter(scene: &Scene, settings: &VelocitySettings) -> Scene {
 const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
 
 /// Default B at which K is read. If the tuned finite difference and Butterworth filter does not reach twice this B,
-/// half of the largest B that it reaches is used.
+/// half of the largest B that this filter reaches is used.
 const USUAL_DAMPING_N_S_PER_M: f64 = 100.0;
 
-/// B at which K is read: the default, or half of the B that these boundaries reach. The result is on the walk's grid.
+/// B at which K is read: the default, or half of the largest B that the boundaries reach. The result is on the walk's
+/// grid.
 pub fn damping_of(boundaries: Option<&Boundaries>, scene: &Scene) -> f64 {
     let plan = scene.walk_plan();
     let reached = boundaries.map_or(0.0, |boundaries| {
@@ -286,8 +287,8 @@ pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
 }
 
 /// Compares `entries`. The tuned finite difference and Butterworth filter defines the walls ([`Place`]) of the
-/// contacts, even if it is not an entry. `beside` is the scene with another criterion. The areas by this criterion are
-/// reported too. Calls `done` with the number of finished walks.
+/// contacts, even if this filter is not an entry. `beside` is the scene with another criterion. The areas by the
+/// criterion of `beside` are reported too. Calls `done` with the number of finished walks.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.

@@ -1,15 +1,16 @@
 //! Finds the tuning with the largest Z-width area, by the same rule for every estimator.
 //!
 //! As a function of the tuning, the area has one broad maximum and a rough surface. So the search first walks evenly
-//! spaced tunings ([`Axes`]): bandwidths with one parameter, a grid with two. Then the search moves from the best
-//! tuning to a neighbour that is better by more than [`GAIN`]. Neighbours are along the axes. With two parameters, they
-//! are also along the diagonals (a compass search). If no neighbour is better, the steps are halved. The search has
-//! *settled* when the steps are below [`LAST_STEP`] of bandwidth. If the allowed number of tunings is used up before
-//! that, the search has not settled. A refused tuning, or a whole number that was already tried, is not tried again.
+//! spaced tunings ([`Axes`]): a row of bandwidths for one parameter, a grid for two parameters. Then the search moves
+//! from the best tuning to a neighbour that is better by more than [`GAIN`]. Neighbours are along the axes. With two
+//! parameters, they are also along the diagonals (a compass search). If no neighbour is better, the steps are halved.
+//! The search has *settled* when the steps are below [`LAST_STEP`] of bandwidth. If the allowed number of tunings is
+//! used up before that, the search has not settled. A refused tuning, or a whole number that was already tried, is not
+//! tried again.
 //!
 //! The search walks from two starts that no repeat uses. A tuning that can no longer win is walked from the first start
 //! only (`looked.rs`). The result is walked again from the starts of a sweep. The area of the result is the area of
-//! these last walks, so the selection does not bias it. Wrong tunings are also walked from the starts of a sweep.
+//! these last walks, so the selection does not bias the area. Wrong tunings are also walked from the starts of a sweep.
 
 use std::{cell::RefCell, sync::atomic::AtomicBool};
 
@@ -151,7 +152,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok((best, tuned))
     }
 
-    /// Whether walks of this estimator run in lanes, with any engine.
+    /// Whether walks of this estimator can run in lanes. The engine has no influence.
     ///
     /// # Errors
     /// The scene is not allowed with this estimator.

@@ -307,8 +307,8 @@ mod tests {
         let late = (3.0 * 1f64.atan() - 3f64.atan()).to_degrees();
         assert!((observer.phase_100_hz_deg.hand + late).abs() < 2.5, "{observer:?} {late}");
         // If the observer gets the force 0.3 ms before it acts, the velocity leads. The response of the observer to the
-        // force is (s^3 + 3 w s^2) / (s + w)^3. The force U that it gets is (1 + b / (m s)) e^(s t) times the correct
-        // value.
+        // force is (s^3 + 3 w s^2) / (s + w)^3. The force U that the observer gets is (1 + b / (m s)) e^(s t) times the
+        // correct value.
         let s = Complex::new(0.0, 2.0 * PI * 100.0);
         let w = 2.0 * PI * 100.0;
         let passed = (s * s * s + s * s * 3.0 * w) / ((s + w) * (s + w) * (s + w));

@@ -33,7 +33,7 @@ pub struct Tuned {
     pub settled: bool,
     /// Boundaries at the best tuning, one per start.
     pub boundaries: Boundaries,
-    /// -3 dB bandwidth at the best tuning, Hz, as [`super::bandwidth`] defines it.
+    /// -3 dB bandwidth at the best tuning, Hz, as defined in [`super::bandwidth`].
     pub bandwidth_hz: f64,
     /// Mean area with a bandwidth that is too low and too high by [`WRONG_BY`](super::search::WRONG_BY), as a fraction
     /// of the best area. `None` if there is no tuning, or if the core refuses the wrong tuning.

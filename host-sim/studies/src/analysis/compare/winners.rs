@@ -31,7 +31,7 @@ pub struct Winner {
     /// Mean of the best estimator.
     pub value: f64,
     /// Rank of finite difference and Butterworth: 1 plus the number of estimators in its class that are shown to be
-    /// better. `null` if it is not in the class or has no value.
+    /// better. `null` if this estimator is not in the class or has no value.
     pub butterworth_rank: Option<usize>,
 }
 

@@ -7,9 +7,9 @@
 //! * [`evolution`] is a global search over poles, lead and second zero ([`shape`]), for several limits of the gain peak
 //!   (caps) together. The grid of the walk is so coarse that Butterworth's boundary has about 28 columns.
 //! * The best filters of the first cap are refined on a grid with twice as many columns.
-//! * The best filters of each cap are walked again on the scene's grid, from other starts. The best of these are walked
-//!   from the starts of a sweep. So the selection does not bias the area in the result. With one repeat, all walks have
-//!   one start, and the area is biased upwards.
+//! * The best filters of each cap are walked again on the scene's grid, from other starts. The best filters of these
+//!   walks are walked once more, from the starts of a sweep. So the selection does not bias the area in the result.
+//!   With one repeat, all walks have one start, and the area is biased upwards.
 //! * Roughness is measured as in [`compare`](super::compare), at the same wall. But for a design, Butterworth's cutoff
 //!   is a cutoff of `[sweep]`. The area with a frequency or damping that is wrong by [`MISTUNED_BY`] is also measured.
 
@@ -195,7 +195,7 @@ fn of_numbers<const N: usize>(
         scenes.iter().map(PreparedScene::new).collect()
     };
     let fine = prepared(&scenes)?;
-    // Butterworth low-passes have another form than two biquads, so they need scenes of their own.
+    // Butterworth low-passes have another form than two biquads. So the low-passes need their own scenes.
     let plain: Vec<Scene> = question.conditions.iter().map(|c| with_low_pass(&c.scene)).collect();
     let references = references(&walker, &question, &prepared(&plain)?)?;
     let cutoffs: Vec<VelocitySettings> = references.iter().map(Reference::settings).collect();

@@ -13,8 +13,8 @@
 //! reported.
 //!
 //! **Ranges.** Each boundary is walked from starts that are spread over a count. If the scene has noise, each start has
-//! its own noise. Two changes have the same rank if Welch's t-test (one-sided, 5 %) does not show that one area is
-//! below the other.
+//! its own noise. One change ranks below another only if Welch's t-test (one-sided, 5 %) shows that its area is
+//! smaller.
 
 mod changes;
 pub mod table;
@@ -152,8 +152,8 @@ pub fn estimators(scene: &Scene) -> Vec<EstimatorName> {
     named.filter(|name| name.sense().is_none()).collect()
 }
 
-/// Budget for the screening of an estimator. The number of tunings is the same as for any other element. There is one
-/// start.
+/// Budget for the screening of an estimator. The number of tunings is the same as for any other element. Each tuning is
+/// walked from one start.
 fn screening(budget: Budget) -> Budget {
     Budget { repeats: 1, ..budget }
 }

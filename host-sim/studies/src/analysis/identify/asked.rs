@@ -173,7 +173,7 @@ impl Asked {
 /// the gain.
 ///
 /// # Errors
-/// A file is no record, the records have different kinds of commands, or an option does not fit them.
+/// A file is no record, the records have different kinds of commands, or an option does not fit the records.
 pub fn read_all(
     logs: &[PathBuf],
     (base, base_name): (&NamedScene, &str),

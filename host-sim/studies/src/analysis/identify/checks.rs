@@ -254,7 +254,7 @@ pub(super) fn after(
 }
 
 /// Refuses a latency below minus one row of `step_s`. A negative latency above this limit gives a warning, because
-/// noise or the log's time stamps can cause it.
+/// noise or the log's time stamps can cause a small negative value.
 pub(super) fn early(latency: &Estimate, step_s: f64) -> Result<String, String> {
     let found = with(latency, "s");
     if latency.high() < -step_s {

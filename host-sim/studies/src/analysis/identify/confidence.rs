@@ -39,11 +39,11 @@ use crate::interrupt;
 pub const CONFIDENCE: f64 = 0.95;
 /// Largest condition number of the scaled derivatives. With a larger number the parameters cannot be distinguished.
 const CONDITION_MAX: f64 = 1e8;
-/// An error message names a parameter if its component of the weakest direction is at least this part of the largest
-/// component.
+/// The weakest direction has a component for each parameter. An error message names a parameter if its component is at
+/// least this part of the largest component.
 const NAMED_SHARE: f64 = 0.3;
 
-/// A hidden term widens an interval if it could move the value by more than this number of half-widths.
+/// A hidden term widens an interval if the term could move the value by more than this number of half-widths.
 const FAR_OUTSIDE: f64 = 3.0;
 
 /// A value and its 95 % interval.

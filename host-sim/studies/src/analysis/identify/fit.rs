@@ -145,7 +145,7 @@ impl Problem<'_> {
         (sane && self.values.vector().iter().all(|value| value.is_finite())).then_some(reduced)
     }
 
-    /// The model at each fitted row of a record; `None` if it is not finite or the mass is not positive.
+    /// The model at each fitted row of a record; `None` if the model is not finite or the mass is not positive.
     fn points(&self, index: usize) -> Option<Vec<Point>> {
         let reduced = self.sane(index)?;
         let points = response(self.records[index].record, self.records[index].first, &reduced);
@@ -504,7 +504,7 @@ pub(super) fn deviation(jacobian: &DMatrix<f64>, place: usize) -> f64 {
     least_squares_step(&others, &own).map_or(0.0, |step| 1.0 / (own - others * step).norm())
 }
 
-/// The Gauss-Newton step. Subtract it from the values.
+/// The Gauss-Newton step. To move to the minimum, subtract this step from the values.
 fn least_squares_step(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
     let mut scaled = jacobian.clone();
     let scales: Vec<f64> =

@@ -182,7 +182,7 @@ impl Layout {
     }
 }
 
-/// The values of a layout's parameters. [`within`](Self::within) converts them to another layout.
+/// The values of a layout's parameters. [`within`](Self::within) converts the values to another layout.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Values {
     layout: Layout,

@@ -43,8 +43,8 @@ fn noise_counts(residual: &Residual) -> f64 {
     (-coherence.ln() / 2.0).sqrt() / std::f64::consts::PI
 }
 
-/// The misfit of a residual from quantisation; `None` if it agrees with the model. `left` returns the part of row
-/// errors that a fit does not remove. `weights` are the weights of the fit.
+/// The misfit of a residual from quantisation; `None` if the residual agrees with the model. `left` returns the part of
+/// row errors that a fit does not remove. `weights` are the weights of the fit.
 pub(super) fn misfit(
     weighed: &Weighed,
     weights: Option<&DVector<f64>>,

@@ -7,8 +7,8 @@
 //! between its changes, so a step of the state is exact ([`discretise`]). The derivatives by w and d have the same
 //! equation with inputs -x and -x'. These derivatives are additional states of the same exact step. g, o and the
 //! initial state enter linearly, so their derivatives are unit responses. The derivative by the latency is minus the
-//! speed of the response to u. The first voltage acts at the first row for any latency, so its part of this speed is
-//! subtracted.
+//! speed of the response to u. The first voltage acts at the first row for any latency, so the part of the first
+//! voltage is subtracted from this speed.
 
 use nalgebra::{SMatrix, SVector};
 

@@ -153,7 +153,7 @@ impl Motion {
         linear + at(state[0] + half * v, v + half * (rate + at(state[0], v)))
     }
 
-    /// Number of halvings of a step until the nonlinear forces are nearly constant over it.
+    /// Number of halvings until the nonlinear forces are nearly constant over the shortened step.
     fn halvings(&self, state: &State, sign: f64, seconds: f64) -> usize {
         let rate = (self.net(state) - self.d * state[1] - sign * self.friction).abs();
         let v = state[1].abs();

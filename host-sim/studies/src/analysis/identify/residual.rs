@@ -86,7 +86,8 @@ impl Weighed {
         } else {
             UNIT_SHARE * motion(records)
         };
-        // The edges of a floor quantiser are at whole counts. The edges of a rounding quantiser are between them.
+        // The edges of a floor quantiser are at whole counts. The edges of a rounding quantiser are halfway between
+        // whole counts.
         let edge = if options.rounding == Rounding::Round { 0.5 } else { 0.0 };
         let mut top = 0;
         let mut counted = vec![];

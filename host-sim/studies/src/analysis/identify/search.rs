@@ -34,7 +34,7 @@ const FALLS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const RISE: f64 = 0.2;
 const FAST_ROWS: usize = 8;
 /// Largest part of the sum of squares that a model with a curve may leave. A curve also follows other missing effects.
-/// If a curve leaves a larger part, it is only accepted if the model then explains the residual.
+/// A curve that leaves a larger part is only accepted if the model then explains the residual.
 const CURVE_LEAVES: f64 = 0.25;
 /// Amplitude of a force that is tried, as a part of the largest command.
 const SMALL_FORCE: f64 = 1e-4;
@@ -535,7 +535,7 @@ impl Search<'_> {
         model.without(&errors.component_mul(&weights)).component_div(&weights)
     }
 
-    /// Weights of the rows, if they differ.
+    /// Weights of the rows, if the weights differ.
     fn weights(&self) -> Option<DVector<f64>> {
         let Weighting::Readings(weights) = &self.weighting else { return None };
         Some(DVector::from_vec(weights.concat()))

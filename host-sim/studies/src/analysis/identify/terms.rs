@@ -61,7 +61,8 @@ impl Term {
         }
     }
 
-    /// The parameter that is 0 without the term. For the encoder's error this is one of several parameters.
+    /// The parameter that is 0 without the term. The encoder's error has several such parameters, and one of these is
+    /// returned.
     pub(super) fn parameter(self) -> Parameter {
         match self {
             Self::Friction => Parameter::Friction,

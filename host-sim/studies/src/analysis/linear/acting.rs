@@ -15,8 +15,8 @@ pub(super) struct Acting {
     states: usize,
     /// Indices of the kept states. The handle's position and speed are the first two.
     kept: Vec<usize>,
-    /// A floating body, and the floating body before it. The position of the first body is taken relative to the second
-    /// body.
+    /// A floating body, and the floating body before this body. The position of the first body is taken relative to the
+    /// second body.
     relative: Option<[usize; 2]>,
 }
 

@@ -93,8 +93,8 @@ impl From<LowPass> for TransferFunction {
     }
 }
 
-/// The estimator from position to velocity, m/s per m. `None` if it is not linear, or if it has inputs in addition to
-/// the position.
+/// The estimator from position to velocity, m/s per m. `None` if the estimator is not linear, or has inputs in addition
+/// to the position.
 ///
 /// # Errors
 /// A parameter is out of range.

@@ -1,10 +1,10 @@
 //! Ranks the estimators by their errors on recorded counts. The reference is the velocity of a low-pass that runs
 //! forwards and backwards.
 //!
-//! The reference has no delay, but it needs the whole record, so a controller cannot use it. The low-passed motion also
-//! goes through an ideal encoder, which gives simulated counts. Every estimator is tuned for the smallest error on the
-//! recorded counts, in the core's arithmetic. Its error on the simulated counts, with the same tuning, shows the effect
-//! of an ideal encoder.
+//! The reference has no delay, but needs the whole record. So a controller cannot use the reference. The low-passed
+//! motion also goes through an ideal encoder, which gives simulated counts. Every estimator is tuned for the smallest
+//! error on the recorded counts, in the core's arithmetic. Its error on the simulated counts, with the same tuning,
+//! shows the effect of an ideal encoder.
 //!
 //! All quantities are in counts and samples, so the record may have any rate. The tunings belong to a design of 10 kHz,
 //! and are scaled to the record's rate.

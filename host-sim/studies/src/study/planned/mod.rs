@@ -1,10 +1,10 @@
 //! A study with many points, in units of work. A point has a scene, an estimator, changed keys, a cutoff, a start and a
 //! wall.
 //!
-//! Points are numbered, so a study of a million points needs no memory for them. The order is: scenes, estimators,
-//! `[[list]]`, the keys of `[product]` in alphabetical order, cutoffs, starts, B, K. K changes fastest. A scene with
-//! one estimator is a [`Block`]. A unit has consecutive points of one block. `docs/scenes.md` describes the file, and
-//! [`mod@unit`] the unit.
+//! Points are only numbered. So the points of a study need no memory, even a million points. The order is: scenes,
+//! estimators, `[[list]]`, the keys of `[product]` in alphabetical order, cutoffs, starts, B, K. K changes fastest. A
+//! scene with one estimator is a [`Block`]. A unit has consecutive points of one block. `docs/scenes.md` describes the
+//! file, and [`mod@unit`] the unit.
 
 mod file;
 pub mod trial;
@@ -39,7 +39,8 @@ pub const UNITS_MAX: u64 = 100_000;
 /// Default number of samples in a unit. A unit of this size takes some seconds in lanes, and less than a minute without
 /// lanes.
 const SAMPLES_PER_UNIT: f64 = 1e9;
-/// Estimated hits of a walk for this default. Walks of the paper's devices have 40 to 160 hits.
+/// Estimated hits of a walk, for the default number of samples in a unit. Walks of the paper's devices have 40 to 160
+/// hits.
 const HITS_PER_WALK: f64 = 100.0;
 
 /// Names of options in messages of a study.
@@ -50,7 +51,7 @@ const NAMES: Names = Names {
     start_offset: "starts_counts",
 };
 
-/// A scene with one estimator, and their points.
+/// A scene with one estimator, and the points with both.
 #[derive(Clone, Debug)]
 pub struct Block {
     pub name: String,

@@ -10,7 +10,7 @@
 //! no random sample. So quantiles over the starts of the scene's own device have no interval. For drawn devices, order
 //! statistics give the interval of a quantile ([`ranks`]). With fewer than [`DRAWS_MIN`] devices, the worst 5 % have no
 //! lower bound. A bootstrap tests the best cutoff in the worst draws: devices are drawn again from the drawn devices.
-//! If another cutoff leads in too many of these samples, it cannot be distinguished from the best cutoff.
+//! If another cutoff leads in too many of these samples, this cutoff cannot be distinguished from the best cutoff.
 //!
 //! The contour of 95 % ([`contour`]) shows the walls that a firmware may render. This contour is fitted with fresh
 //! draws, and tested with further draws.
@@ -143,8 +143,8 @@ pub(super) fn held(
     all.into_iter().collect()
 }
 
-/// Which draws are stable at each wall `[K, B]`: by wall, then by draw. Draws are in the order of devices, each with
-/// its starts.
+/// Which draws are stable at each wall `[K, B]`: by wall, then by draw. Draws are in the order of devices, and for each
+/// device in the order of its starts.
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.

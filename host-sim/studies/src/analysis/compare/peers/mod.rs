@@ -1,10 +1,10 @@
 //! Default velocity estimators of other systems, without tuning, in the core's arithmetic at the scene's rate.
 //!
-//! Poles and zeros in the z-plane are equal to those of the source. Each tracking loop has two rows. In one row the
-//! velocity is read before the step. In the other row the velocity is read as in the source. The rows differ by a delay
-//! of one sample, which matters if other delays are small. Changes that these systems make to a count before the
-//! estimate are not included. For example, ODrive floors its estimate and sets small speeds to zero. The systems' own
-//! rates, 1 to 30 kHz, are not included either.
+//! Poles and zeros in the z-plane are equal to the poles and zeros of the source. Each tracking loop has two rows. In
+//! one row the velocity is read before the step. In the other row the velocity is read as in the source. The rows
+//! differ by a delay of one sample, which matters if other delays are small. Changes that these systems make to a count
+//! before the estimate are not included. For example, ODrive floors its estimate and sets small speeds to zero. The
+//! systems' own rates, 1 to 30 kHz, are not included either.
 
 mod table;
 
@@ -43,7 +43,7 @@ pub struct Peer {
     pub does: &'static str,
     /// Source that states this default.
     pub source: &'static str,
-    /// The estimator as settings of the core at a rate in Hz. `None` if it is unstable at this rate.
+    /// The estimator as settings of the core at a rate in Hz. `None` if the estimator is unstable at this rate.
     settings: fn(f64) -> Option<VelocitySettings>,
 }
 

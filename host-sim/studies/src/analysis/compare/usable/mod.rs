@@ -3,7 +3,7 @@
 //! A wall is usable within a limit if the magnitude of its rendered impedance is correct within this limit, from 1 to
 //! 30 Hz ([`Rendered`]). The usable area is the part of a boundary's area with usable walls. The usable area is
 //! computed from the walks of the whole area, without further hits. Each estimator is tuned again for each limit, with
-//! the search of [`search`](super::search) and from the same starts.
+//! the search of [`search`](super::search) and from the starts of that search.
 
 mod table;
 

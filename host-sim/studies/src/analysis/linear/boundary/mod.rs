@@ -31,9 +31,9 @@ const PER_HALF_CIRCLE: f64 = 128.0;
 const MARK_MIN: f64 = 1e-10;
 /// Refinements of the search if the numbers of roots from eigenvalues and from crossings differ.
 const REFINEMENTS: u32 = 2;
-/// K is a difference of terms. If K at a crossing is below this share of these terms, it is a rounding error of K = 0.
+/// K is a difference of terms. If K at a crossing is below this share of these terms, the true K is 0.
 const ZERO_STIFFNESS: f64 = 1e-12;
-/// If K at a crossing is below this share of the loop's own stiffnesses, it is a rounding error. Without any damping,
+/// If K at a crossing is below this share of the loop's own stiffnesses, K is a rounding error. Without any damping,
 /// every wall is unstable, and the first crossings are rounding errors.
 const ROUNDING: f64 = 1e-12;
 /// Crossings above this multiple of the loop's own stiffnesses (k, b/T, m/T^2, B/T) are left out. At so large a K, no
@@ -54,7 +54,7 @@ pub struct Crossing {
     pub frequency_hz: f64,
     /// Stiffness, above 0 N/m.
     pub stiffness_n_per_m: f64,
-    /// Whether roots leave the circle with rising stiffness. If false, they enter it.
+    /// Whether roots leave the circle with rising stiffness. If false, the roots enter the circle.
     pub outward: bool,
     /// Number of roots: 2, or 1 at half the output rate.
     pub roots: u32,
@@ -79,7 +79,7 @@ pub struct StiffnessLimit {
 
 impl StiffnessLimit {
     /// The gain margin of eq. (5) as tools compute it, which is the smallest crossing. `None` without a crossing. Tools
-    /// call this case infinite.
+    /// report an infinite gain margin in this case.
     #[must_use]
     pub fn gain_margin(&self) -> Option<f64> {
         self.phase_crossings.first().map(|crossing| crossing.stiffness_n_per_m)

@@ -196,7 +196,7 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
         (Some(Mode { stiffness_n_per_m: 6e4, ..mode }), Some(arm), None),
         (None, Some(apart), None),
         (Some(Mode { damping_n_s_per_m: 0.0, ..mode }), Some(arm), amplifier),
-        // With a spring to the ground, its own body and all bodies that are connected to this body do not float.
+        // If a body has a spring to the ground, this body and all bodies that are connected to it do not float.
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..apart }), amplifier),
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..arm }), None),
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..gripped }), None),
@@ -462,8 +462,8 @@ fn crossings_and_winding_number_count_alike_for_long_latency() {
 #[test]
 fn stable_interval_is_followed_until_it_closes() {
     // The filter is far slower than the device with its spring. With growing damping, the loop first becomes unstable
-    // at K = 0. A stable interval remains at higher K, and shrinks to a point. At this point two crossings meet between
-    // search points.
+    // at K = 0. A stable interval remains at higher K, and shrinks to a point. Two crossings meet at this point,
+    // between search points.
     let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
     let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0).unwrap());
     let boundary = Boundary::new(&of).unwrap();
@@ -484,7 +484,8 @@ fn stable_interval_is_followed_until_it_closes() {
     let (low, high) = interval(open).unwrap();
     println!("closes at B {open} with K {low} to {high}");
     assert!(boundary.at(open).unwrap().unstable_at_zero && low > 0.0);
-    // The width is proportional to the root of the distance in B, which is 1e-12 here.
+    // The width of the interval is proportional to the root of the distance in B from the closing point. This distance
+    // is 1e-12 here.
     assert!((high - low) / low < 1e-4, "{low} {high}");
     let wider = interval(open - 0.1).unwrap();
     let k = 0.5 * (wider.0 + wider.1);

@@ -37,8 +37,8 @@ use nalgebra::Complex;
 use super::{PER_DECADE, PassivityDemand, STABLE_RADIUS};
 use crate::analysis::linear::{LinearError, Loop, boundary::minimum, transfer::TransferFunction};
 
-/// Lowest frequency, radians per output period. At lower frequencies the rounding error would be large: it is 1e-16
-/// divided by the frequency.
+/// Lowest frequency, radians per output period. The rounding error is 1e-16 divided by the frequency, so at lower
+/// frequencies the error would be large.
 const OMEGA_MIN: f64 = 1e-6;
 /// Number of search points from 0 to pi.
 const LINEAR: f64 = 512.0;
