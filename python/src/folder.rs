@@ -1,4 +1,4 @@
-//! A study in a folder. Any machine can run its units. Only this process writes the results.
+//! A study in a folder. Any machine can run units of the study. Only this process writes the results.
 
 use std::{path::PathBuf, sync::Arc};
 

@@ -142,8 +142,8 @@ result! { value
         /// RMS of the window's outputs about their mean, N. With several pushes: the value of the push that decides the
         /// verdict.
         force_rms_n: f64,
-        /// K times the mean penetration, divided by the wall's mean force. It is 1 for a wall at rest. None if the wall
-        /// has no force.
+        /// K times the mean penetration, divided by the wall's mean force. This ratio is 1 for a wall at rest. None if
+        /// the wall has no force.
         penetration_ratio: Option<f64>,
         /// Energy that the wall has absorbed in the last contact, computed from its force and the counts, J.
         port_taken_j: f64,

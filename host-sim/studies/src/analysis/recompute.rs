@@ -1,9 +1,9 @@
 //! Computes every sample of a capture again with the core, from the board's counts and key frames (keys).
 //!
-//! A key has the state of the sampler. From there to the next key, every velocity follows from the counts, and every
-//! force from the settings. The board's outputs, and the state in its next key, must be equal, bit for bit. If outputs
-//! or state differ, the first sample with a difference is reported. Later samples, up to the next key, are not
-//! compared.
+//! A key has the state of the sampler. From one key to the next key, every velocity follows from the counts, and every
+//! force from the settings. The board's outputs, and the state in the board's next key, must be equal to these results,
+//! bit for bit. If outputs or state differ, the first sample with a difference is reported. Later samples, up to the
+//! next key, are not compared.
 
 use std::{
     collections::HashMap,

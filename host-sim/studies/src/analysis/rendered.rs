@@ -4,9 +4,9 @@
 //! The loop of the scene (encoder, estimator in the core's integers, wall, output period, latency) runs with a
 //! prescribed motion of [`AMPLITUDE_COUNTS`]. The ratio of the Fourier coefficients of force and motion is the
 //! impedance. For a non-linear estimator, this impedance comes from the describing function of the estimator at this
-//! amplitude. For a linear estimator, it comes from the frequency response, except for the rounding of the counts. A
-//! prescribed motion needs no arm, because any hand feels the force that belongs to the motion. The arm only decides
-//! which walls are stable.
+//! amplitude. For a linear estimator, the impedance comes from the frequency response, except for the rounding of the
+//! counts. A prescribed motion needs no arm, because any hand feels the force that belongs to the motion. The arm only
+//! decides which walls are stable.
 //!
 //! **Magnitude.** [`Rendered`] stores the estimator's response at [`HZ`], 1 to 30 Hz: `V = a X + c F`. `a` is the
 //! velocity per motion. `c` is the velocity per force, for an estimator that gets the force. `c` is 0 except for
@@ -15,9 +15,9 @@
 //! F = -(K X + B V) at the outputs  =>  V = (a - c K) / (1 + c B),   Z = (K + B V) sinc(w T/2) A(w),   T the output period
 //! ```
 //! where A is the amplifier. The error of a wall is the maximum of `| |Z| / |K + jwB| - 1 |` over these frequencies.
-//! Hold and latency change the phase, and are equal for all estimators. So the error comes from the estimator, except
-//! for less than 0.15 % from the hold at 1 kHz. If the estimator does not get the force, the error depends only on K /
-//! B. Then the walls with an error above a limit form a sector from the origin in the plane of K and B.
+//! Hold and latency change the phase, and are equal for all estimators. So the error comes from the estimator. With
+//! outputs at 1 kHz, the hold adds less than 0.15 %. If the estimator does not get the force, the error depends only on
+//! K / B. Then the walls with an error above a limit form a sector from the origin in the plane of K and B.
 
 use std::f64::consts::PI;
 

@@ -1,4 +1,4 @@
-//! The boundary of the stable walls at one cutoff. The core's walk finds it hit by hit.
+//! The boundary of the stable walls at one cutoff. The core's walk finds this boundary hit by hit.
 
 use std::borrow::Cow;
 

@@ -1,9 +1,9 @@
 //! The walls that the firmware may render without unlocking.
 //!
 //! The boundary walk records the largest stable K at each B, as the paper does. Some walls below this K are not stable.
-//! At large B, a soft wall may chatter although a stiffer wall is stable. The walk comes from above and does not find
-//! the soft wall. So the envelope has an interval of K at each B. This interval is the longest one in which every hit
-//! is stable, up to the smallest boundary of all repeats.
+//! At large B, a soft wall may chatter although a stiffer wall is stable. The walk follows the largest stable K, so it
+//! does not find the soft wall. So the envelope has an interval of K at each B. This interval is the longest one in
+//! which every hit is stable, up to the smallest boundary of all repeats.
 //!
 //! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which limits the number of hits.
 //! Between two B, the firmware allows a K if the intervals of both B contain this K.

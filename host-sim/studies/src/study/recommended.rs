@@ -1,8 +1,9 @@
 //! Recommends the cutoff with the largest area of [quiet](Criterion::Quiet) walls.
 //!
 //! First a list of cutoffs is walked. Then cutoffs between the best cutoff and its neighbours are walked, until the
-//! neighbours are within 10 %. If the best cutoff is at an end of the list, the list is extended. The first grid is the
-//! scene's. If its steps are too coarse or too fine for the quiet walls, the first walks give a new grid.
+//! neighbours are within 10 %. If the best cutoff is at an end of the list, the list is extended. The first walks use
+//! the scene's grid. If the steps of this grid are too coarse or too fine for the quiet walls, the first walks give a
+//! new grid.
 
 use rayon::prelude::*;
 use zwidth::{VelocitySettings, experiment::Verdict, velocity::EstimatorName};

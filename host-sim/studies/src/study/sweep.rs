@@ -1,5 +1,5 @@
-//! The sweep over cutoffs. It gives boundaries with repeats, areas with their spread, and the ideal cutoff. The range
-//! of the ideal cutoff consists of the cutoffs that the repeats cannot distinguish from the ideal cutoff.
+//! The sweep over cutoffs. The sweep gives boundaries with repeats, areas with their spread, and the ideal cutoff. The
+//! range of the ideal cutoff consists of the cutoffs that the repeats cannot distinguish from the ideal cutoff.
 //!
 //! Near the boundary a hit is chaotic. If the start differs by a fraction of a count, the area of a walk changes by 0.2
 //! to 2 %. So every walk is repeated from starts spread over one count. The result is the mean, with the smallest and

@@ -153,7 +153,7 @@ impl Bench<'_> {
         Ok((-im).atan2(re))
     }
 
-    /// Force that the device needs for this motion, mean over a sample, N.
+    /// Mean force over a sample that the device needs for this motion, N.
     fn force_n(&self, [x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> f64 {
         let (device, rate_hz) = (&self.scene.device, self.scene.control.rate_hz);
         let counts = device.mass_kg * (v1 - v0) * rate_hz * rate_hz

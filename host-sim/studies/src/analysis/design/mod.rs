@@ -11,7 +11,8 @@
 //!   walks are walked once more, from the starts of a sweep. So the selection does not bias the area in the result.
 //!   With one repeat, all walks have one start, and the area is biased upwards.
 //! * Roughness is measured as in [`compare`](super::compare), at the same wall. But for a design, Butterworth's cutoff
-//!   is a cutoff of `[sweep]`. The area with a frequency or damping that is wrong by [`MISTUNED_BY`] is also measured.
+//!   is one of the cutoffs of `[sweep]`. The area with a frequency or damping that is wrong by [`MISTUNED_BY`] is also
+//!   measured.
 
 pub mod evolution;
 mod references;

@@ -12,8 +12,8 @@
 //!
 //! u is constant between its changes, so a stretch in one direction is one exact step. If the speed changes its sign
 //! within a step, bisection and Newton's method on the exact solution find the instant. If a handle at rest breaks
-//! away, the closed form of a gives the instant. So, between these events, the response is a smooth function of the
-//! parameters. Small differences give its derivatives ([`super::fit`]).
+//! away, the closed form of `a` gives the instant. So, between these events, the response is a smooth function of the
+//! parameters. Small differences give the derivatives of the response ([`super::fit`]).
 
 use nalgebra::{SMatrix, SVector};
 

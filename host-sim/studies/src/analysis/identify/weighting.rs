@@ -2,7 +2,7 @@
 //!
 //! **Constant readings.** If the handle rests and the encoder has no noise, many rows have the same reading and the
 //! same error. These rows count as one reading. So if the residual comes from the quantiser, the weight of a row is 1
-//! divided by the number of rows with its reading.
+//! divided by the number of rows with the same reading.
 //!
 //! **Forces.** Some forces are not in the model, for example friction that is not Coulomb's. The mass integrates such a
 //! force twice. So the residual varies slowly and follows the command. In a closed loop the command also follows the
@@ -15,7 +15,7 @@
 //! forces. The weighted residual is a prediction error with a disturbance model at the input. Least squares of this
 //! error is also valid in a closed loop (Ljung, System Identification, 2nd edition, sections 4.2 and 13.4). With a
 //! short stride, noise of the positions dominates. With a long stride, no motion remains. The stride is the geometric
-//! mean of both limits.
+//! mean of the shortest and the longest useful stride.
 
 use super::motion::Motion;
 

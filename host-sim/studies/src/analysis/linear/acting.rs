@@ -1,9 +1,9 @@
 //! The states of a plant that act on the handle.
 //!
-//! A body floats if no spring holds it, neither to the ground nor to the handle. Then nothing depends on the position
-//! of this body. This position would be an eigenvalue of 1 at every K and B, and rounding would decide about stability.
-//! So this position is left out. A body behind a joint without spring and damper does not act on the handle, and is
-//! also left out. If several bodies float together, only their positions relative to the first body are kept.
+//! A body floats if no spring connects it to the ground or to the handle. Then nothing depends on the position of this
+//! body. This position would be an eigenvalue of 1 at every K and B, and rounding would decide about stability. So this
+//! position is left out. A body behind a joint without spring and damper does not act on the handle, and is also left
+//! out. If several bodies float together, only their positions relative to the first body are kept.
 
 use nalgebra::{DMatrix, DVector};
 

@@ -1,5 +1,5 @@
-//! Linear stability and passivity of the sampled loop. These are the limits of the ideal device, without quantisation,
-//! saturation and the one-sided wall.
+//! Linear stability and passivity of the sampled loop. The results are the limits of the ideal device, without
+//! quantisation, saturation and the one-sided wall.
 //!
 //! ```text
 //! every sample:           v = V(z) x                    estimator, z^-1 = one sample
@@ -7,8 +7,8 @@
 //! latency samples later:  m x'' = F - b x' - k x        exact under the held force
 //! ```
 //!
-//! With `period = 1` and without latency, this is the paper's section 2.1, eq. (3) to (5). The force changes only once
-//! per output period. So at the output instants the loop is time-invariant for any period and latency. Its
+//! With `period = 1` and without latency, these are equations (3) to (5) of the paper's section 2.1. The force changes
+//! only once per output period. So at the output instants the loop is time-invariant for any period and latency. Its
 //! characteristic equation is affine in K and in B: `1 + K Hx(z) + B Hv(z) = 0`. A root lies on the unit circle exactly
 //! if `K(w) = -(1 + B Hv) / Hx` is real at z = exp(j w). This condition gives every crossing in closed form
 //! ([`Boundary`]). The monodromy matrix over one period ([`Monodromy`]) is built independently, by stepping the loop.

@@ -1,8 +1,8 @@
 //! Frequency response of the open loop at the output instants.
 //!
-//! Hx(z) and Hv(z) are the responses of position and estimated velocity to the force, all at the output instants. z is
-//! one output period. All equations use `delta = z - 1` and the exact `phi - 1`, because this keeps the digits at low
-//! frequency.
+//! Hx(z) and Hv(z) are the responses of position and estimated velocity to the force, all at the output instants. `z`
+//! is a shift by one output period. All equations use `delta = z - 1` and the exact `phi - 1`, which keep the digits at
+//! low frequency.
 //!
 //! Let `E = phi - 1` over one period. The latency has q whole periods and a rest. Within a period, the previous command
 //! (b) acts during the rest. Then the present command (a) acts:
@@ -14,7 +14,7 @@
 //! A plant with more states uses the same equations. For this plant, `n = (delta - E)^-1 (..)` comes from a matrix
 //! decomposition instead of adjugate and determinant.
 //!
-//! The input of the estimator is the samples `x_i z^n`. These samples are a sum of the aliases `exp(j (w + 2 pi l) /
+//! The inputs of the estimator are the samples `x_i z^n`. These samples are a sum of the aliases `exp(j (w + 2 pi l) /
 //! period)`. The estimator's transfer function applies to each alias.
 
 use super::{LinearError, Loop, acting::Acting, transfer::TransferFunction};

@@ -4,7 +4,7 @@
 //! The verdict also depends on device parameters that are not known exactly. So the same draws hit every cell of a grid
 //! of K and B ([`Map`]). The stable share of the draws is the wall's probability. The integral of this probability over
 //! K and B is an area in which each wall has its probability as weight. The area of a draw is the area of its stable
-//! cells. The spread over the draws is the spread of areas and of the ideal cutoff.
+//! cells. So the draws also give the spread of the area and of the ideal cutoff.
 //!
 //! **Intervals of quantiles.** Drawn devices are independent. The starts of one device are spread evenly, so they are
 //! no random sample. So quantiles over the starts of the scene's own device have no interval. For drawn devices, order

@@ -1,9 +1,9 @@
 //! Passivity of a wall in the real loop: estimator at the sample rate, force at the output rate, with latency.
 //!
-//! The loop is periodic with the output period T. The hand may be periodic too. So the condition is on the port alone,
-//! for any motion by a linear or a non-linear hand. A motion of frequency w contains the aliases `w_n = w + 2 pi n / T`
-//! with independent speeds v_n. The command depends on one weighted sum of these speeds. The force is this command with
-//! its hold:
+//! The loop is periodic with the output period T. The hand may be periodic too. So the condition is for the port alone.
+//! It is valid for any motion, by a linear or a non-linear hand. A motion of frequency w contains the aliases `w_n = w
+//! + 2 pi n / T` with independent speeds v_n. The command depends on one weighted sum of these speeds. The force is
+//! this command with its hold:
 //! ```text
 //! u = - sum over n of C(w_n) v_n / (j w_n),     F_n = u (1 - e^(-jwT)) e^(-j w_n t_d) / (j w_n T),   C = K + B V(e^(j w_n T_s))
 //! ```
@@ -16,9 +16,9 @@
 //! b > max over w of  -Re c + sqrt(r^2 - (Im c)^2)
 //! ```
 //! The eigenvector of the largest eigenvalue is the worst motion. With a force for every sample and without latency, C
-//! is the same at all relevant aliases and r = |c|. Then the condition is the condition of Colgate and Schenkel. For a
-//! time-invariant hand the condition is weaker. The aliases of a time-invariant hand respond independently, so r is
-//! only the sum of `|C| / w_n^2`, which is not larger (Cauchy and Schwarz).
+//! is the same at all relevant aliases and r = |c|. In this case the condition is equal to the condition of Colgate and
+//! Schenkel. For a time-invariant hand the condition is weaker. The aliases of a time-invariant hand respond
+//! independently, so r is only the sum of `|C| / w_n^2`, which is not larger (Cauchy and Schwarz).
 //!
 //! For V = 0 and a latency of whole periods, the result is `K < b / (T/2 + t_d)`, the line of Gil, Sanchez, Hulin,
 //! Preusche and Hirzinger (JCISE 9(1) 011005, 2009). Fardad and Bamieh, IEEE TAC 54(10), 2009, treat passivity of
