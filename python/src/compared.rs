@@ -139,7 +139,7 @@ result! { table(table)
 ///     Largest number of tunings that the search tries for an estimator with one parameter, 3 to 1000. With two
 ///     parameters the limit is four times as large.
 /// repeat : int
-///     Number of walks at the result of each search. Their starts are spread over a count.
+///     Number of walks at the result of each search. The starts are spread over a count.
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
@@ -258,7 +258,7 @@ result! { table(table)
 ///     Largest number of tunings that the search tries for each change, 3 to 1000. With two parameters the limit is
 ///     four times as large.
 /// repeat : int
-///     Number of walks at the result of each search, 2 or more. Their starts are spread over a count.
+///     Number of walks at the result of each search, 2 or more. The starts are spread over a count.
 /// engine, threads, progress
 ///     As in `compare`.
 ///
@@ -350,7 +350,7 @@ result! { table(table)
 ///     Step of K, N/m, and step of B, N s/m. The walks also begin at these values. Default: a quarter of the scene's
 ///     step of K and half of its step of B.
 /// repeat : int
-///     Number of walks of each row. Their starts are spread over a count.
+///     Number of walks of each row. The starts are spread over a count.
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional

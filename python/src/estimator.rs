@@ -38,7 +38,7 @@ use crate::{
 /// name : str
 ///     One of `zwidth.ESTIMATORS`.
 /// scene : Scene
-///     Gives sample rate and encoder. It also gives mass and force if the estimator needs them.
+///     Gives sample rate and encoder, and, if the estimator needs them, mass and force.
 /// cutoff : float, optional
 ///     Nominal cutoff, Hz. Omit it for an estimator without a cutoff.
 /// **parameters

@@ -196,8 +196,8 @@ result! { value
 }
 
 result! { table
-    /// The identified device. Lengths and forces are at the handle, also for a rotary device. Its table is the fit of
-    /// the first record.
+    /// The identified device. Lengths and forces are at the handle, also for a rotary device. The table of this object
+    /// is the fit of the first record.
     Identification {
         /// Names of the records.
         logs: Tuple<String>,
@@ -225,19 +225,19 @@ result! { table
         gain_n_per_a: Option<Part<Estimate>>,
         /// Time from a row's time stamp to the effect of its command, s.
         latency_s: Part<Estimate>,
-        /// Dry friction, N; None if it is not in the model.
+        /// Dry friction, N; None if the model has no friction.
         friction_n: Option<Part<Estimate>>,
         /// Largest friction at rest, N; None if friction does not fall with the speed.
         static_friction_n: Option<Part<Estimate>>,
         /// Speed over which friction falls, m/s; None if friction does not fall with the speed.
         stribeck_speed_m_per_s: Option<Part<Estimate>>,
-        /// Time constant of the amplifier, s; None if it is not in the model.
+        /// Time constant of the amplifier, s; None if the model has no lag.
         amplifier_lag_s: Option<Part<Estimate>>,
-        /// Constant force, N; None if it is not in the model.
+        /// Constant force, N; None if the model has no offset.
         offset_n: Option<Part<Estimate>>,
-        /// Force that is periodic in the position; None if it is not in the model.
+        /// Force that is periodic in the position; None if the model has no cogging.
         cogging: Option<Part<CoggingTerm>>,
-        /// Periodic error of the encoder; None if it is not in the model.
+        /// Periodic error of the encoder; None if the model has no such error.
         encoder_error: Option<Part<EncoderTerm>>,
         /// Test of each term in the model, in addition to mass, damping and spring.
         tests: Tuple<Part<TermTest>>,
@@ -278,7 +278,7 @@ result! { table
 }
 
 result! { table(pulses)
-    /// Pulses that identify a scene's device. Its table is `pulses`.
+    /// Pulses that identify a scene's device. The table of this object is `pulses`.
     Plan {
         /// Name of the scene.
         scene: String,
@@ -505,7 +505,7 @@ result! { value
 }
 
 result! { table(walls)
-    /// A measured walk and the predicted walk of a scene. Its table is `walls`.
+    /// A measured walk and the predicted walk of a scene. The table of this object is `walls`.
     Agreement {
         /// Name of the scene.
         scene: String,
@@ -524,7 +524,7 @@ result! { table(walls)
         scatter_n_per_m: f64,
         /// For each B: `damping_n_s_per_m`, predicted K with its range over the starts (`predicted_n_per_m`,
         /// `predicted_low_n_per_m`, `predicted_high_n_per_m`), and measured K (`measured_n_per_m`). `explained_n_per_m`
-        /// is K with the best suspect, or NaN if the walks agree. K is 0 if a walk does not reach that B.
+        /// is K with the best suspect, or NaN if the walks agree. K is 0 if a walk does not reach the B.
         walls: Table,
         /// The suspects, the smallest remaining distance first. Empty if the walks agree.
         suspects: Tuple<Part<Suspect>>,
@@ -576,7 +576,8 @@ pub fn agree(
 }
 
 result! { table(table)
-    /// Another estimator on the counts of a capture, compared with the board's estimator. Its table is `table`.
+    /// Another estimator on the counts of a capture, compared with the board's estimator. The table of this object is
+    /// `table`.
     Replay {
         /// Name of the estimator.
         estimator: String,
@@ -620,8 +621,8 @@ result! { table(table)
 /// Raises
 /// ------
 /// ValueError
-///     There is no such estimator, its cutoff is out of range, or it needs more inputs than counts. Or the capture has
-///     no range in which all samples are present.
+///     There is no such estimator, its cutoff is out of range, or the estimator needs more inputs than counts. Or the
+///     capture has no range in which all samples are present.
 #[pyfunction]
 #[pyo3(signature = (scene, capture, *, estimator = None, cutoff = 1500.0))]
 pub fn replay(

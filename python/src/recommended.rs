@@ -45,7 +45,7 @@ result! { value
     }
 }
 
-/// Find the recommended cutoff. It has the largest area of walls that are quiet in motion and force.
+/// Find the recommended cutoff. This cutoff has the largest area of walls that are quiet in motion and force.
 ///
 /// Parameters
 /// ----------

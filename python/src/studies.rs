@@ -426,7 +426,7 @@ result! { table
 /// cutoffs : iterable of float, optional
 ///     Nominal cutoffs, Hz. Default: the scene's cutoffs.
 /// repeat : int
-///     Number of walks of each cutoff. Their starts are spread over a count.
+///     Number of walks of each cutoff. The starts are spread over a count.
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional

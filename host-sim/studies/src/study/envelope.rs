@@ -30,7 +30,7 @@ use crate::{
 pub const STRIDE: i32 = 5;
 
 /// The stable interval of K at one B. The interval begins at K = 0 if the softest wall of the grid is stable. If no hit
-/// was stable, its highest K is 0.
+/// was stable, the highest K of the interval is 0.
 pub use zwidth::safety::envelope::Point as Interval;
 
 /// The envelope at one cutoff.

@@ -151,7 +151,8 @@ impl LeverResult {
 pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
     let mut loops = vec![(scene.name.clone(), scene.scene.clone())];
     for (place, (name, of_board)) in boards(&scene.scene)?.into_iter().enumerate() {
-        // The second board's loop is almost the same as the first's. So only its longest and shortest period are used.
+        // The second board's loop is almost the same as the first board's loop. So only the longest and the shortest
+        // period of the second board are used.
         for period in PERIODS.into_iter().filter(|period| place == 0 || [1, 10].contains(period)) {
             let mut own = of_board.clone();
             own.actuator.period = period;

@@ -72,7 +72,7 @@ pub struct QuietStudy {
 pub struct Held {
     pub protocol: Protocol,
     /// K of the stiffest quiet wall with the B of the given wall, N/m. Softer and softer walls are tried until one wall
-    /// is quiet. `Ok(None)` if no wall is quiet. The reason if no wall can be tried.
+    /// is quiet. `Ok(None)` if no wall is quiet. `Err` with the reason if no wall can be tried.
     pub stiffest: Result<Option<f64>, String>,
 }
 

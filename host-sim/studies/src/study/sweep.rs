@@ -33,8 +33,8 @@ pub struct CutoffResult {
     pub true_cutoff_hz: f64,
     /// One boundary per repeat. The first is from the scene's own start.
     pub boundaries: Boundaries,
-    /// Settle time after which the first point is stable, s. Only computed if no walk has a stable first point. `None`
-    /// if no settle time helps.
+    /// Settle time after which the first point is stable, s. This time is only computed if no walk has a stable first
+    /// point. `None` if no settle time helps.
     pub settles_in_s: Option<f64>,
 }
 

@@ -41,8 +41,8 @@ impl<'a> Queue<'a> {
         Self { prepared, starts, begun: AtomicUsize::new(0) }
     }
 
-    /// The next walk, from the end of the queue. The last walk has the highest cutoff and takes longest. A long walk
-    /// that begins late would leave lanes empty.
+    /// The next walk, from the end of the queue. The last walk has the highest cutoff and takes longest. If this long
+    /// walk began late, lanes would be empty at the end.
     fn next(&self) -> Option<usize> {
         let begun = self.begun.fetch_add(1, Ordering::Relaxed);
         self.starts.len().checked_sub(begun + 1)
@@ -68,7 +68,7 @@ pub(super) type Made = Vec<((usize, usize), Result<Boundary, Error>)>;
 
 /// Calls `work` for all queues on each thread of the current pool. Each thread begins with another queue, so that fewer
 /// threads share the end of a queue. Every walk runs to its end or until `stop` is set. So the reported error is the
-/// first in order, and not the first in time.
+/// error of the first walk in order, even if another error came earlier.
 pub(super) fn on_all_threads(
     queues: usize,
     work: impl Fn(usize, &mut Made) + Sync,

@@ -39,8 +39,9 @@ const SEED: u32 = 1;
 /// Stribeck speed of the friction, if the scene has no friction, m/s. Static and Coulomb friction are equal.
 const STRIBECK_M_PER_S: f64 = 1e-3;
 
-/// Divides mass, damping, stiffness and all other forces of the device by `times`. The motion is then the motion with
-/// `times` the scene's motor force, of which the board does not know. A wrong size of a count has the same effect.
+/// Divides mass, damping, stiffness and all other forces of the device by `times`. The device then moves as if the
+/// motor's force were `times` the force in the scene, without the board's knowledge. A wrong size of a count has the
+/// same effect.
 fn force(scene: &mut Scene, times: f64) {
     scene.device.mass_kg /= times;
     scene.device.damping_n_s_per_m /= times;

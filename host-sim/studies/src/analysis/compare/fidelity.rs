@@ -46,7 +46,7 @@ pub struct Fidelity {
     pub of_estimator: f64,
     /// Error of the loop, equal for every estimator: `|rendered with the true velocity - commanded|`.
     pub of_loop: f64,
-    /// Errors at each wall and frequency. The fields above are their means.
+    /// Errors at each wall and frequency. The fields above are the means of these errors.
     pub points: Vec<Point>,
 }
 
@@ -154,7 +154,7 @@ mod tests {
         of(scene, 4000.0, &[WALL])
     }
 
-    /// Geometric mean of the relative errors at all frequencies. A smaller error is set to the floor.
+    /// Geometric mean of the relative errors at all frequencies. Errors below the floor are set to the floor.
     fn mean(error: impl Fn(f64) -> f64) -> f64 {
         let logs = FREQUENCIES_HZ.map(|hz| error(hz).max(FLOOR).ln());
         (logs.iter().sum::<f64>() / 7.0).exp()

@@ -367,8 +367,8 @@ pub fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
         Entry::ObserverInTime => with_own_mass(EstimatorName::Observer.defaults(), scene),
         Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ },
     };
-    // The defaults are for 10 kHz and 1 um. If the core refuses a default, it is multiplied by the nearest power of two
-    // that the core accepts.
+    // The defaults are for 10 kHz and 1 um. If the core refuses a default, the default is multiplied by the nearest
+    // power of two that the core accepts.
     let Some((_, tuning)) = start.tuning() else { return start };
     let design = scene.design();
     let powers = (0..64).flat_map(|n| [n, -n]).map(|n| 2f64.powi(n));

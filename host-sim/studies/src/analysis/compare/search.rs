@@ -35,8 +35,8 @@ use crate::{
 /// Limits on the cost of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Largest number of tunings with one parameter, 3 or more. With two parameters the limit is [`OF_TWO`] times
-    /// larger.
+    /// Largest number of tunings with one parameter, 3 or more. With two parameters the limit is [`OF_TWO`] times as
+    /// large.
     pub tunings: u32,
     /// Number of walks of the result, 1 or more. The starts of these walks are spread over a count.
     pub repeats: u32,
@@ -71,7 +71,7 @@ pub const MASS_WRONG_BY: f64 = 0.2;
 
 pub struct Walker<'a, D> {
     pub engine: Engine,
-    /// The scene. Its own estimator is not used.
+    /// The scene. The scene's own estimator is not used.
     pub scene: &'a Scene,
     /// Set to stop the search.
     pub stop: &'a AtomicBool,

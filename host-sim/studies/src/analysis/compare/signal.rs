@@ -44,9 +44,9 @@ pub struct Signal {
 /// A result for a motion by the hand, and for a motion by the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Driven {
-    /// Motion by the hand. The estimator does not get the force.
+    /// Motion by the hand. The estimator does not get the hand's force.
     pub hand: f64,
-    /// Motion by the motor. The estimator gets the whole force.
+    /// Motion by the motor. The estimator gets the whole motor force.
     pub motor: f64,
 }
 

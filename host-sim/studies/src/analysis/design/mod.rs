@@ -57,7 +57,7 @@ const CHOICE: [f64; 4] =
     [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
 /// Number of filters of each cap and grid that are walked on the scene's grid.
 const CHOSEN: usize = 8;
-/// Caps on the gain peak, dB, for the other filters of the result. Only caps below the requested cap are used.
+/// Caps on the gain peak, dB, for further filters of the result. Only caps below the requested cap are used.
 const FRONT_DB: [f64; 6] = [12.0, 9.0, 6.0, 4.5, 3.0, 1.5];
 /// Factor of a mistuned frequency or damping, up or down.
 pub const MISTUNED_BY: f64 = 1.2;

@@ -56,7 +56,7 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// A given value. Its interval has the width 0.
+    /// A given value, with an interval of width 0.
     pub fn given(value: f64) -> Self {
         Self { value, half_width: 0.0, white_half_width: 0.0 }
     }

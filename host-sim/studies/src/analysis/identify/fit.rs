@@ -42,8 +42,8 @@ const FAR: f64 = 1e100;
 const DIFFERENCE: f64 = 1e-6;
 /// The same change if the motion is computed in short stretches.
 const DIFFERENCE_CURVED: f64 = 1e-4;
-/// Number of times that derivatives are computed again as differences. The parameters then change by their standard
-/// errors.
+/// Number of times that derivatives are computed again as differences. For these differences, the parameters change by
+/// their standard errors.
 const SECANTS: usize = 6;
 /// Relative change below which two sets of derivatives count as equal.
 const SECANT_SAME: f64 = 0.02;

@@ -109,7 +109,7 @@ pub(super) struct Included {
 }
 
 impl Included {
-    /// Whether the model is linear, as in the paper. Its derivatives are exact.
+    /// Whether the model is linear, as in the paper. The derivatives of a linear model are exact.
     pub(super) fn plain(self) -> bool {
         !(self.friction || self.lag || self.phase || self.cogging)
     }

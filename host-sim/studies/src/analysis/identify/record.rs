@@ -351,8 +351,8 @@ mod tests {
         assert!(counts(signed, 1e-4).unwrap_err().starts_with("line 112: "));
         let down = |count: f64| (-count).rem_euclid(65_536.0);
         assert!(counts(down, 1e-4).unwrap_err().contains("goes by 65236 counts"));
-        // Three records are accepted: of a counter without wraps, of a sensor without counts, and of a handle that is
-        // always so fast.
+        // Three records are accepted: of a counter without wraps, of a sensor without counts, and of a handle that
+        // always moves at this speed.
         assert!(counts(|count| count, 1e-6).is_ok());
         assert!(counts(|count| 200.0 * count, 1e-9).is_ok());
         let text =

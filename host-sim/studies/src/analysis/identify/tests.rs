@@ -309,7 +309,7 @@ fn gain(dice: &mut Dice) -> GainAsked {
     }
 }
 
-/// The result of a case. All its reports are made too.
+/// The result of a case. All reports of the result are made too.
 fn answer(case: u64) -> Result<Identification, Error> {
     let dice = &mut Dice::new(case);
     let base = NamedScene::load(dice.one(&BASES))?;
@@ -482,8 +482,9 @@ const AXIS_M: f64 = 0.02;
 const COUNT_RAD: f64 = std::f64::consts::TAU / 16_000.0;
 const GAIN_N_M_PER_V: f64 = 0.387;
 
-/// The exact motion of an axis with Coulomb friction. A proportional loop controls its speed, which is filtered at 100
-/// Hz. The loop ends at `stop`. The parameters are inertia, kg m^2, damping, N m s/rad, and friction, N m.
+/// The exact motion of an axis with Coulomb friction. A proportional loop controls the speed of the axis. The speed is
+/// filtered at 100 Hz. The loop ends at `stop`. The parameters are inertia, kg m^2, damping, N m s/rad, and friction, N
+/// m.
 fn axis([inertia, damping, friction]: [f64; 3], gain: f64, rows: usize, stop: usize) -> Record {
     fn advance([j, b, f]: [f64; 3], [x, v]: [f64; 2], torque: f64, left_s: f64) -> [f64; 2] {
         if v == 0.0 && torque.abs() <= f {

@@ -40,7 +40,7 @@ pub use transfer::{TransferFunction, position_response, transfer_function};
 
 /// Longest allowed latency, in samples: ten times the longest latency of a scene.
 pub const LATENCY_MAX_SAMPLES: f64 = 10_000.0;
-/// Longest allowed output period, in samples. The computing time grows with its square.
+/// Longest allowed output period, in samples. The computing time grows with the square of the period.
 pub const PERIOD_MAX: u32 = 1_000;
 /// Highest order of an estimator.
 pub const ORDER_MAX: usize = 66;
@@ -84,8 +84,8 @@ pub struct Loop {
     pub rate_hz: f64,
     /// Samples per force output, 1 to [`PERIOD_MAX`].
     pub period: u32,
-    /// Time from a sample to the force computed from it, in samples. The latency may be any real number from 0 to
-    /// [`LATENCY_MAX_SAMPLES`].
+    /// Time from a sample to the force that is computed from this sample, in samples. The latency may be any real
+    /// number from 0 to [`LATENCY_MAX_SAMPLES`].
     pub latency_samples: f64,
     /// Velocity estimator at the sample rate, m/s per m.
     pub estimator: TransferFunction,

@@ -1,4 +1,5 @@
-//! The matrix of the closed loop over one output period. Its eigenvalues decide about stability.
+//! The matrix of the closed loop over one output period. The eigenvalues of this matrix show whether the loop is
+//! stable.
 
 use super::{LinearError, Loop, SCHUR_ITERATIONS, acting::Acting};
 use crate::scene::element::{Chain, STATES_MAX};

@@ -204,8 +204,8 @@ impl Augmented {
     }
 }
 
-/// Frequencies at which the response of a chain changes fast: its poles and its zeros. The zeros are the poles of the
-/// chain while its device is held.
+/// Frequencies at which the response of a chain changes fast: the poles and zeros of the chain. The zeros are the poles
+/// of the chain while its device is held.
 fn marks(chain: &Chain, period_s: f64) -> Vec<f64> {
     let a = chain.matrix();
     let held = a.clone().remove_rows(0, 2).remove_columns(0, 2);

@@ -55,7 +55,7 @@ pub struct Keys {
     #[serde(default, deserialize_with = "numbers")]
     dampings: Option<Vec<f64>>,
     repeat: Option<u32>,
-    /// `None` for a default: as many points as take some seconds.
+    /// `None` for the default, which is as many points as need some seconds.
     pub points_per_unit: Option<u64>,
     #[serde(default)]
     product: Table,
@@ -63,7 +63,7 @@ pub struct Keys {
     list: Vec<Table>,
 }
 
-/// The contents of a study's file. Checks that need its scenes are not yet made.
+/// The contents of a study's file. Checks that need the scenes are made later.
 #[derive(Clone, Debug)]
 pub struct StudyFile {
     /// Name in error messages.

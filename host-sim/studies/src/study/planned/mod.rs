@@ -200,7 +200,7 @@ impl Study {
         NamedScene::of_table(block.name.clone(), table, &origin)
     }
 
-    /// A changed scene of a block. Every cutoff, wall and start of its points is checked.
+    /// A changed scene of a block. Every cutoff, wall and start of the scene's points is checked.
     fn checked(&self, block: &Block, variant: u64) -> Result<NamedScene, Error> {
         let scene = self.scene(block, variant)?;
         let named = |error: Error| error.of(&self.described(block, variant));

@@ -50,8 +50,8 @@ const AGAIN: u64 = 0x5eed_0003;
 pub const WORST: f64 = 0.05;
 /// Smallest number of devices with a lower bound for [`WORST`].
 pub const DRAWS_MIN: u32 = 72;
-/// Probability outside an interval on each side. Also the smallest share of bootstrap samples in which a cutoff must
-/// lead.
+/// Probability outside an interval, on each side. The same number is the smallest share of bootstrap samples in which a
+/// cutoff must lead.
 const MISS: f64 = 0.025;
 /// Number of bootstrap samples.
 const TIMES: u64 = 1000;
@@ -224,8 +224,8 @@ impl Map {
         f64::from(held) / f64::from(self.trials) * self.step[0] * self.step[1]
     }
 
-    /// Share of undecided cells. In an undecided cell, more than one draw in twenty is stable and more than one in
-    /// twenty is unstable. The share is of all cells in which more than one draw in twenty is stable.
+    /// Number of undecided cells, divided by the number of cells in which more than one draw in twenty is stable. In an
+    /// undecided cell, more than one draw in twenty is stable and more than one draw in twenty is unstable.
     pub fn undecided_share(&self) -> f64 {
         let few = WORST * f64::from(self.trials);
         let (hold, fail) =

@@ -70,15 +70,15 @@ pub struct StiffnessLimit {
     /// margin has no meaning.
     pub unstable_at_zero: bool,
     /// All K > 0 with roots on the circle, in ascending order. At these K the phase of the paper's eq. (5) is -180
-    /// degrees. Stiffnesses above a thousand times the loop's own (k + b/T + m/T^2 + B/T) are left out, because no wall
-    /// is stable there.
+    /// degrees. Stiffnesses above a thousand times the loop's own stiffness (k + b/T + m/T^2 + B/T) are left out,
+    /// because no such wall is stable.
     pub phase_crossings: Vec<Crossing>,
     /// Further stable intervals (low, high) of K, N/m, above `stiffness_max`.
     pub further_stable: Vec<(f64, f64)>,
 }
 
 impl StiffnessLimit {
-    /// The gain margin of eq. (5) as tools compute it, which is the smallest crossing. `None` without a crossing. Tools
+    /// The gain margin of eq. (5), which tools compute as the smallest crossing. `None` without a crossing. Tools
     /// report an infinite gain margin in this case.
     #[must_use]
     pub fn gain_margin(&self) -> Option<f64> {

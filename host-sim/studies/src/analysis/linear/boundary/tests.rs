@@ -98,7 +98,7 @@ impl Dice {
         Loop { elements, ..of }
     }
 
-    /// A damping. The range goes from much too small to much too large.
+    /// A random damping, from much too small to much too large.
     fn damping(&mut self, of: &Loop) -> f64 {
         let scale = of.device.mass_kg * of.rate_hz / f64::from(of.period);
         if self.below(5) == 0 { 0.0 } else { scale * self.logarithmic(1e-4, 3.0) }

@@ -10,7 +10,7 @@ use super::{
 };
 
 /// Lowest frequency, radians per sample. At lower frequencies, every estimator that the core accepts (poles above 1e-4)
-/// has its value at w = 0. w = 0 is a separate point.
+/// has the same value as at w = 0. The grid has w = 0 as a separate point.
 const OMEGA_MIN: f64 = 1e-7;
 /// Number of search points from 0 to pi.
 const LINEAR: u32 = 512;

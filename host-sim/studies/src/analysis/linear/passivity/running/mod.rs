@@ -1,8 +1,8 @@
 //! Passivity of a wall in the real loop: estimator at the sample rate, force at the output rate, with latency.
 //!
 //! The loop is periodic with the output period T. The hand may be periodic too. So the condition is for the port alone.
-//! It is valid for any motion, by a linear or a non-linear hand. A motion of frequency w contains the aliases `w_n = w
-//! + 2 pi n / T` with independent speeds v_n. The command depends on one weighted sum of these speeds. The force is
+//! It is valid for any motion, by a linear or a non-linear hand. A motion of frequency w contains the aliases `w_n =
+//! w + 2 pi n / T` with independent speeds v_n. The command depends on one weighted sum of these speeds. The force is
 //! this command with its hold:
 //! ```text
 //! u = - sum over n of C(w_n) v_n / (j w_n),     F_n = u (1 - e^(-jwT)) e^(-j w_n t_d) / (j w_n T),   C = K + B V(e^(j w_n T_s))
@@ -207,8 +207,8 @@ impl Point {
         let wall = |alias: &Alias| alias.velocity * b + k;
         let mut aliases = self.aliases.iter();
         let Some(first) = aliases.next() else { return 0.0 };
-        // The first alias dominates at low frequency. All terms are turned to its phase. Then r - |c| is a sum, and not
-        // a difference of large numbers.
+        // The first alias dominates at low frequency. All terms are rotated by the phase of the first alias. So r - |c|
+        // is computed as a sum, and not as a difference of large numbers.
         let main = first.part * wall(first);
         let size = main.norm();
         let turn = if size > 0.0 { main.conj() / size } else { Complex::new(1.0, 0.0) };
@@ -232,7 +232,7 @@ impl Point {
             apart += alias.most * off;
             squares += alias.most * off * off;
         }
-        // r^2 - |c|^2 for a time-invariant hand. Then the Cauchy-Schwarz difference is added to r^2.
+        // r^2 - |c|^2 for a time-invariant hand. The Cauchy-Schwarz difference is then added to r^2.
         let still = less * (most + along) - across * across;
         let free = (still + (weight * squares - apart * apart)).max(0.0);
         sum.re + (free + sum.re * sum.re).sqrt()

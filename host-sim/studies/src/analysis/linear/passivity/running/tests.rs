@@ -140,8 +140,8 @@ fn the_ports_of_the_papers_loop_are_passive_up_to_the_known_stiffnesses() {
 /// Output periods of the record. Before the record, the loop settles for the same number of periods.
 const PERIODS: u32 = 4000;
 
-/// A motion, given by its speeds at the samples of an output period. In each next period the phase of the speeds
-/// changes by `omega`.
+/// A motion, given by its speeds at the samples of an output period. From one period to the next, the phase of the
+/// speeds changes by `omega`.
 struct Motion {
     omega: f64,
     speeds: Vec<Complex<f64>>,
