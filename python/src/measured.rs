@@ -334,7 +334,8 @@ fn turn<'py, const N: usize>(
 /// calibration_mass, calibration_voltage : float, optional
 ///     Force per volt from a weight, kg, and the voltage that holds it still, V.
 /// added_mass : float, optional
-///     Mass that was added to the device for the second of two records, kg. Then the force per volt is fitted too.
+///     Mass that was added to the device for the second of two records, kg. With this argument, the force per volt is
+///     fitted too.
 /// latency : float, optional
 ///     Time from a row's time stamp to the effect of its command, rows of the log. Default: the base scene's latency.
 /// fit_latency : bool

@@ -108,8 +108,8 @@ fn pool_of(threads: usize) -> PyResult<ThreadPool> {
     pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))
 }
 
-/// The pool of a process that was forked after the first work. The threads of rayon's global pool do not exist in such
-/// a process, so the process would wait for ever. Any other process uses only rayon's global pool.
+/// The pool of a process that was forked after the first work. The threads of rayon's global pool do not exist in a
+/// forked process, so this process would wait for ever. Any other process uses only rayon's global pool.
 ///
 /// `POOL` is locked only while the thread holds the interpreter's lock. A process forks only with the interpreter's
 /// lock, so a child never finds `POOL` locked.

@@ -345,8 +345,8 @@ fn is(path: &Path, key: &Key) -> bool {
         && length.is_some_and(|length| memory.get(..length) == Some(key.memory()))
 }
 
-/// Computes the samples after the first one. The estimator changes at the index of `change`. The count is set to zero
-/// at the index of `zero`, in a sample with the given motion, counts.
+/// Computes the samples after the first sample. The estimator changes at the index of `change`. The count is set to
+/// zero at the index of `zero`, in a sample with the given motion, counts.
 fn follow(
     samples: &[Told],
     mut state: velocity::State,

@@ -17,7 +17,7 @@
 //! where A is the amplifier. The error of a wall is the maximum of `| |Z| / |K + jwB| - 1 |` over these frequencies.
 //! Hold and latency change the phase, and are equal for all estimators. So the error comes from the estimator. With
 //! outputs at 1 kHz, the hold adds less than 0.15 %. If the estimator does not get the force, the error depends only on
-//! K / B. Then the walls with an error above a limit form a sector from the origin in the plane of K and B.
+//! K / B. In this case, the walls with an error above a limit form a sector from the origin in the plane of K and B.
 
 use std::f64::consts::PI;
 
@@ -46,8 +46,8 @@ const SETTLE_S: f64 = 1.0;
 
 /// Approximate frequencies at which the magnitude is compared, Hz: the range of a hand's motion.
 pub const HZ: [f64; 12] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.5, 10.0, 13.0, 17.0, 23.0, 30.0];
-/// Stiffness of the run that measures an observer's response to the force, N/m. With such a high value, the LSB of the
-/// force has no effect.
+/// Stiffness of the run that measures an observer's response to the force, N/m. This value is so high that the LSB of
+/// the force has no effect.
 const PROBE_N_PER_M: f64 = 2000.0;
 
 /// The scene with an actuator that does not saturate at frequencies up to `highest_hz`.

@@ -44,7 +44,7 @@ pub fn prepare(scene: &NamedScene) -> Result<PreparedScene, Error> {
 /// `[velocity]` has no cutoff, the only cutoff of `[sweep]` is used.
 ///
 /// # Errors
-/// There is no such cutoff, or the estimator has no cutoff.
+/// None of these cutoffs exists, or the estimator has no cutoff.
 pub fn filter(scene: &NamedScene, asked_hz: Option<f64>) -> Result<VelocitySettings, Error> {
     let velocity = &scene.scene.velocity;
     if asked_hz.is_some() && !velocity.has_cutoff() {

@@ -24,7 +24,7 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// An area is equally good if it is at least this share of the largest area.
+/// Areas count as equally good from this share of the largest area on.
 pub const AS_GOOD: f64 = 0.97;
 /// Largest ratio of the best cutoff to its neighbours.
 const NEAR: f64 = 1.1;
@@ -356,7 +356,8 @@ impl<D: Fn() + Sync> Search<'_, D> {
         })
     }
 
-    /// Sets a grid that begins at a wall of [`Self::first_walls`]. Returns whether there is such a wall.
+    /// Sets a grid that begins at a wall of [`Self::first_walls`]. Returns whether [`Self::first_walls`] has found a
+    /// wall.
     fn seed(&mut self, cutoffs_hz: &[f64]) -> Result<bool, Error> {
         let Some(walk) = self.first_walls(cutoffs_hz)? else { return Ok(false) };
         self.scene.scene.walk = walk;

@@ -50,7 +50,7 @@ pub struct SweepResult {
 pub struct Ideal {
     /// The smallest cutoff whose mean area is at least 98 % of the largest mean area, Hz.
     pub cutoff_hz: f64,
-    /// Lowest and highest cutoff that the repeats cannot distinguish from an equally good cutoff, Hz.
+    /// Lowest and highest cutoff for which the repeats do not show an area below 98 % of the largest area, Hz.
     pub range_hz: [f64; 2],
     /// Test that gave the range.
     pub basis: RangeBasis,
@@ -60,7 +60,7 @@ pub struct Ideal {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RangeBasis {
     /// Welch's t-test (one-sided at [`LEVEL`]) does not show that the mean area is below 98 % of the largest mean area.
-    /// With more repeats the range becomes narrower, until it contains only equally good cutoffs.
+    /// With more repeats the range becomes narrower, until all its cutoffs have at least 98 % of the largest area.
     Repeats,
     /// Without repeats, the area itself is at least 98 % of the largest area.
     WithinTwoPercent,

@@ -2,8 +2,8 @@
 //! explains the difference best?
 //!
 //! **Distance** of two walks, N/m: `sqrt(sum over B of max(0, |K - K'| - step)^2 / n)`, where n is the number of
-//! measured B. One step of K is subtracted, because a walk does not resolve less. If only one of the walks reaches a B,
-//! the other walk has K = 0 at this B.
+//! measured B. One step of K is subtracted, because a walk does not resolve smaller differences. If only one of the
+//! walks reaches a B, the other walk has K = 0 at this B.
 //!
 //! **Do they agree?** The scene is walked from nineteen starts over one count. For each of these walks, the distance
 //! from the mean of the other eighteen is computed. The measured walk disagrees with the scene if its distance from the
@@ -63,8 +63,8 @@ pub struct Tried {
     pub suspect: Suspect,
     /// The middle value of the tried values in the range.
     pub value: f64,
-    /// Smallest and largest tried value that explain the difference as well as the best value. The remaining distance
-    /// is then the minimum, or within the scatter.
+    /// Smallest and largest tried value that explain the difference as well as the best value. With these values, the
+    /// remaining distance is the minimum, or within the scatter.
     pub range: [f64; 2],
     /// Whether the range ends at the first or the last tried value.
     pub at_edge: bool,

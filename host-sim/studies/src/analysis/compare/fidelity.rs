@@ -12,9 +12,9 @@
 //! An estimator that needs a force gets the motor's force when it is granted, as in the loop. The estimator does not
 //! get the force of the hand, which moves the handle.
 //!
-//! **The estimator's share.** Hold and latency of the loop change the impedance, equally for all estimators. So a
-//! second loop uses the true velocity at the sample instead of the estimate. The distance between the impedances of
-//! both loops is the error of the estimator.
+//! **The estimator's share.** Hold and latency of the loop change the impedance by the same amount for all estimators.
+//! So a second loop uses the true velocity at the sample instead of the estimate. The distance between the impedances
+//! of both loops is the error of the estimator.
 //!
 //! **One number.** Errors grow with the frequency, so the highest frequency would dominate an RMS. The result is the
 //! geometric mean over all walls and [`FREQUENCIES_HZ`], which are evenly spaced on a logarithmic scale. So if an
@@ -64,7 +64,7 @@ pub struct Point {
 /// Each frequency is shifted by up to a few parts in a thousand, so that no pattern of counts repeats during the
 /// measurement.
 pub const FREQUENCIES_HZ: [f64; 7] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0];
-/// A smaller error is set to this value.
+/// Smallest relative error that is distinguished. Smaller errors are set to this value.
 pub const FLOOR: f64 = 1e-3;
 /// Text with the elements that are not included.
 pub const LEFT_OUT: &str = "saturation, push-only, output quantisation, amplifier error, mode, backlash, arm, friction, cogging, travel limits";

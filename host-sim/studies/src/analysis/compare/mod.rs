@@ -204,9 +204,9 @@ impl Wall {
     }
 }
 
-/// The walls at which estimators are compared. The walls have half, one and two times the B at which K of each boundary
-/// is read, within the scene's walk. K of a wall is half of the mean K that the tuned finite difference and Butterworth
-/// filter reaches at the B of the wall. K is at least the walk's first K.
+/// The walls at which estimators are compared. K of each boundary is read at one B. The three walls have half of this
+/// B, this B, and twice this B, but never a B outside the scene's walk. K of a wall is half of the mean K that the
+/// tuned finite difference and Butterworth filter reaches at the B of the wall. K is at least the walk's first K.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// The walls, lowest B first.

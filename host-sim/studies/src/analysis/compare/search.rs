@@ -418,7 +418,7 @@ mod tests {
                 search(EstimatorName::FirstOrder, 24, |[hz, _]| hill(hz / top));
             assert!(settled && hill(found / top) > 0.995, "{found} for {top}");
             assert!((14..=24).contains(&looked.len()), "{}", looked.len());
-            // A larger budget does not help. The search only starts with a finer grid, and also settles.
+            // A larger budget finds no larger area. The search only starts with a finer grid, and also settles.
             let (_, [again, _], settled) =
                 search(EstimatorName::FirstOrder, 48, |[hz, _]| hill(hz / top));
             assert!(settled && hill(again / top) > 0.995, "{again} for {top}");

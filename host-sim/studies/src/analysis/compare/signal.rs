@@ -60,7 +60,7 @@ enum Drive {
 const SLOW: f64 = 5e-4;
 /// Largest speed of the sines, counts per sample.
 const FAST_COUNTS: f64 = 100.0;
-/// Samples before the measurement. Even the slowest filters then have settled.
+/// Samples before the measurement. After these samples even the slowest filters have settled.
 const WARM_UP: u32 = 20_000;
 const SAMPLES: u32 = 40_000;
 /// Speeds, counts per sample.
@@ -244,7 +244,7 @@ mod tests {
             measure(&scene, settings).unwrap()
         };
         let plain = measured(|_| ());
-        // Rounding to the nearest count gives the same count as rounding down a position that is half a count larger.
+        // Rounding to the nearest count is equal to adding half a count and rounding down.
         let rounded = measured(|scene| scene.encoder.rounding = Rounding::Round);
         let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-3;
         assert_eq!(rounded.noise_at_rest_m_per_s, plain.noise_at_rest_m_per_s);

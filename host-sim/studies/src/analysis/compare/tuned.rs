@@ -20,7 +20,7 @@ pub struct Tried {
 pub enum Edge {
     /// The core accepts no value beyond this end.
     Core,
-    /// The range of the search ends there.
+    /// The range of the search ends at this end.
     Search,
 }
 

@@ -127,7 +127,7 @@ fn counts(units: Units, resolution_m: f64) -> String {
     }
 }
 
-/// Adds an integrator to a scene if a new element needs one.
+/// Adds an integrator to a scene if a new element needs an integrator.
 fn integrated(mut scene: Scene) -> Scene {
     scene.integrator = scene.integrator.or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
     scene

@@ -6,11 +6,11 @@
 //! need only the position are screened from one start. The best three are searched with twice the usual number of
 //! tunings, because each estimator has its own rough surface.
 //!
-//! **Errors of a search.** The surface of areas is rough, so two searches may end at maxima of different heights. Then
-//! an element without effect would seem to have an effect. So the unchanged scene is tried with the tunings of all
-//! changes. Each change is tried with the tuning of the scene. The best result is used. The gain over the result of the
-//! search is the share that the search has [missed](Explained::missed). A smaller difference between changes is not
-//! reported.
+//! **Errors of a search.** The surface of areas is rough, so two searches may end at maxima of different heights. In
+//! this case an element without effect would seem to have an effect. So the unchanged scene is tried with the tunings
+//! of all changes. Each change is tried with the tuning of the scene. The best result is used. The gain over the result
+//! of the search is the share that the search has [missed](Explained::missed). A difference between changes that is
+//! smaller than this share is not reported.
 //!
 //! **Ranges.** Each boundary is walked from starts that are spread over a count. If the scene has noise, each start has
 //! its own noise. One change ranks below another only if Welch's t-test (one-sided, 5 %) shows that its area is
@@ -373,8 +373,8 @@ mod tests {
             let before = place.checked_sub(1).map(|before| one.changes[before].area()[0]);
             assert!(before.is_none_or(|before| before >= a.area()[0]));
         }
-        // Half the latency gives more area, and an additional amplifier gives less. Both areas differ from the area of
-        // the unchanged scene.
+        // Half the latency gives more area, and an additional amplifier gives less area. Both areas differ from the
+        // area of the unchanged scene.
         let of = |name: &str| {
             let is_it = |one: &&Explained| one.change.name == name;
             one.changes.iter().find(is_it).unwrap()

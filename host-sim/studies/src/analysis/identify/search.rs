@@ -34,7 +34,7 @@ const FALLS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const RISE: f64 = 0.2;
 const FAST_ROWS: usize = 8;
 /// Largest part of the sum of squares that a model with a curve may leave. A curve also follows other missing effects.
-/// A curve that leaves a larger part is only accepted if the model then explains the residual.
+/// A curve that leaves a larger part is only accepted if the model with this curve explains the residual.
 const CURVE_LEAVES: f64 = 0.25;
 /// Amplitude of a force that is tried, as a part of the largest command.
 const SMALL_FORCE: f64 = 1e-4;
@@ -567,7 +567,7 @@ impl Search<'_> {
             return Ok(());
         }
         let layout = *model.layout();
-        // A handle at rest in friction would start to move with a larger offset.
+        // An offset is at most the friction, because a larger offset would move a handle at rest.
         let [friction_n, _] = model.values().slow();
         let most_n = if layout.terms.friction { friction_n } else { f64::INFINITY };
         let hidden = candidates(&layout).into_iter().filter_map(|term| {
@@ -586,10 +586,10 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Widens the intervals by the profile of the likelihood. With friction the model has kinks. The parameters that
-    /// explain a record then lie along a curve. Derivatives at one point do not show this curve. So the parameter with
-    /// the largest uncertainty is changed in steps, and all other parameters are fitted again. Each interval is widened
-    /// to contain all values that explain the record as well.
+    /// Widens the intervals by the profile of the likelihood. With friction the model has kinks. So the sets of
+    /// parameters that explain a record lie along a curve. Derivatives at one point do not show this curve. So the
+    /// parameter with the largest uncertainty is changed in steps, and all other parameters are fitted again. Each
+    /// interval is widened to contain all values that explain the record as well as the fitted values.
     fn hold_profile(&self, model: &mut Model) {
         if !model.layout().terms.friction {
             return;
@@ -642,7 +642,8 @@ impl Search<'_> {
             let mut forces = vec![];
             for (record, piece) in pieces.iter().enumerate() {
                 let mut own = weighting.weighed(record, piece.residual.to_vec());
-                // The force is a mean with triangular weights around the row one stride earlier.
+                // Each force is a mean with triangular weights. The middle of these weights is one stride before the
+                // row.
                 own.drain(..own.len().min(stride));
                 own.iter_mut().take(stride).for_each(|force| *force = 0.0);
                 own.resize(piece.residual.len(), 0.0);

@@ -114,7 +114,7 @@ pub fn from_capture(
     record(name, sent.collect(), scale, span, "frame")
 }
 
-/// Whether a text is a CSV of `telemetry --csv`: such a CSV has counts and no time.
+/// Whether a text is a CSV of `telemetry --csv`, which has counts and no time.
 pub(super) fn is_capture_csv(text: &str) -> bool {
     Table::new(text).is_ok_and(|table| {
         let header = table.header();

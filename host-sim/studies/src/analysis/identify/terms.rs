@@ -61,8 +61,7 @@ impl Term {
         }
     }
 
-    /// The parameter that is 0 without the term. The encoder's error has several such parameters, and one of these is
-    /// returned.
+    /// The parameter that is 0 without the term. For the encoder's error, this is one of its amplitudes.
     pub(super) fn parameter(self) -> Parameter {
         match self {
             Self::Friction => Parameter::Friction,

@@ -4,10 +4,10 @@
 //! same error. These rows count as one reading. So if the residual comes from the quantiser, the weight of a row is 1
 //! divided by the number of rows with the same reading.
 //!
-//! **Forces.** Some forces are not in the model, for example friction that is not Coulomb's. The mass integrates such a
-//! force twice. So the residual varies slowly and follows the command. In a closed loop the command also follows the
-//! residual. Then least squares is biased. So the residual is converted to the missing force. The device's own step
-//! over `stride` rows is `z(n + stride) = P z(n)`. With this step,
+//! **Forces.** Some forces are not in the model, for example friction that is not Coulomb's. The mass integrates a
+//! missing force twice. So the residual varies slowly and follows the command. In a closed loop the command also
+//! follows the residual. In a closed loop, least squares is therefore biased. So the residual is converted to the
+//! missing force. The device's own step over `stride` rows is `z(n + stride) = P z(n)`. With this step,
 //! ```text
 //! e(n) - trace(P) e(n - stride) + det(P) e(n - 2 stride)
 //! ```

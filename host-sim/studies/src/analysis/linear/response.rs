@@ -250,7 +250,7 @@ impl Response {
 
     /// The response at z = (1 + outside) exp(j omega).
     pub(super) fn at_radius(&self, omega: f64, outside: f64) -> Point {
-        // z = -1 is real. With a rounded PI, the response there would have a false imaginary part.
+        // z = -1 is real. With a rounded PI, the response at z = -1 would have a false imaginary part.
         let sin = if omega == PI { 0.0 } else { libm::sin(omega) };
         let half = libm::sin(0.5 * omega);
         let delta = Complex::new(-2.0 * half * half, sin); // exp(j omega) - 1 without cancellation

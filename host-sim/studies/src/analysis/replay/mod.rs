@@ -43,7 +43,8 @@ impl Replayed {
     /// Runs the estimator from rest over the longest range without a missing sample.
     ///
     /// # Errors
-    /// The capture has no such range. The error is the number of samples between two samples of the capture.
+    /// The capture has no range without a missing sample. The error is the number of samples between two samples of the
+    /// capture.
     pub fn of(capture: &Recomputed, control: &LoopParameters) -> Result<Self, u64> {
         Self::of_rows(&capture.rows, control)
     }

@@ -126,7 +126,7 @@ fn as_number(value: &Value) -> Option<f64> {
     }
 }
 
-/// Kind of a value. `None` if a key cannot have such a value.
+/// Kind of a value. `None` if no key can have a value of this kind.
 fn kind(value: &Value) -> Option<&'static str> {
     match value {
         Value::Integer(_) | Value::Float(_) => Some("number"),

@@ -47,7 +47,7 @@ pub struct Peer {
     settings: fn(f64) -> Option<VelocitySettings>,
 }
 
-/// A low-pass with these poles, the slower one first.
+/// A low-pass with these poles, the slower pole first.
 fn poles([slow, fast]: [f64; 2], rate_hz: f64) -> Option<VelocitySettings> {
     let cutoff_hz = -slow.ln() * rate_hz / (2.0 * PI);
     let ratio = (fast.ln() / slow.ln()).clamp(*RATIO.start(), *RATIO.end()); // no second pole: infinite

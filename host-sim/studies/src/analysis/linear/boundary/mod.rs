@@ -1,10 +1,11 @@
 //! The stiffest wall that is linearly stable, for each virtual damping.
 //!
-//! On the curve `K(w) = -(1/Hx + B Hv/Hx)` ([`super::response`]) a root lies on the unit circle. K must be real, so Im
-//! K = 0. At such a crossing, implicit differentiation gives `d ln|z| / dK = (d Im K / dw) / |dK / dw|^2`. If Im K
-//! rises with w, the pair of roots leaves the circle with rising K. If Im K falls, the pair enters. The crossings with
-//! K > 0 divide the K axis into intervals. In each interval the number of unstable roots is constant. Eigenvalues give
-//! this number in the interval with the clearest result. The crossings give the numbers in the other intervals.
+//! On the curve `K(w) = -(1/Hx + B Hv/Hx)` ([`super::response`]) a root lies on the unit circle. A stiffness is real,
+//! so roots cross the circle where Im K = 0. At a crossing, implicit differentiation gives `d ln|z| / dK = (d Im K /
+//! dw) / |dK / dw|^2`. If Im K rises with w, the pair of roots leaves the circle with rising K. If Im K falls, the pair
+//! enters. The crossings with K > 0 divide the K axis into intervals. In each interval the number of unstable roots is
+//! constant. Eigenvalues give this number in the interval with the clearest result. The crossings give the numbers in
+//! the other intervals.
 //!
 //! The paper's gain margin, eq. (5), is the smallest of these crossings. The gain margin is the boundary only if the
 //! loop is stable as K tends to 0. Even then the gain margin gives no information about stable intervals above it.
@@ -64,7 +65,7 @@ pub struct Crossing {
 #[derive(Clone, Debug, PartialEq)]
 pub struct StiffnessLimit {
     /// Upper end of the stable interval from K = 0, N/m. The loop is stable for every K between 0 and this value. 0 if
-    /// there is no such interval. Infinite if no stiffness makes the loop unstable.
+    /// no stable interval begins at K = 0. Infinite if no stiffness makes the loop unstable.
     pub stiffness_max: f64,
     /// Whether the loop is unstable as K tends to 0. If so, virtual damping alone makes the loop unstable, and a gain
     /// margin has no meaning.
@@ -92,7 +93,7 @@ impl StiffnessLimit {
     }
 }
 
-/// Stability boundary of one loop. The boundary is prepared once and then evaluated for any damping.
+/// Stability boundary of one loop. The boundary is prepared once. After that it can be evaluated for any damping.
 #[derive(Clone, Debug)]
 pub struct Boundary {
     response: Response,
@@ -297,7 +298,7 @@ impl Boundary {
 
 struct Intervals {
     crossings: Vec<Crossing>,
-    /// Number of unstable roots below the first crossing, between crossings, and above the last one.
+    /// Number of unstable roots below the first crossing, between crossings, and above the last crossing.
     unstable: Vec<i64>,
     consistent: bool,
 }

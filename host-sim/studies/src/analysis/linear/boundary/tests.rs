@@ -17,7 +17,8 @@ const LOOPS: u32 = 400;
 /// Relative distance from a crossing, on both sides, at which the number of unstable eigenvalues is compared.
 const ASIDE: f64 = 1e-4;
 
-/// Tolerance for an eigenvalue on the circle. The largest eigenvalue of the matrix is about a hundred times larger.
+/// Tolerance for an eigenvalue on the circle. The largest eigenvalue of the matrix is about a hundred times larger than
+/// an eigenvalue on the circle.
 const ON_CIRCLE: f64 = 1e-8;
 
 /// Random numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's MMIX).
@@ -246,8 +247,8 @@ fn what_nothing_damps_holds_no_wall() {
 
 #[test]
 fn half_the_rate_is_no_crossing_where_the_sampling_zero_lies() {
-    // The response of an undamped device is 0 at z = -1. With a rounded pi, a root once seemed to enter there, at 4
-    // m/T^2.
+    // The response of an undamped device is 0 at z = -1. With a rounded pi, a root once seemed to enter the circle at z
+    // = -1, with K = 4 m/T^2.
     let device = Device { mass_kg: 1.5725, damping_n_s_per_m: 0.0, stiffness_n_per_m: 177.4748 };
     let (mass_kg, damping_n_s_per_m) = (0.88, 0.0);
     let mode = Some(Mode { mass_kg, stiffness_n_per_m: 110.4708, damping_n_s_per_m });

@@ -16,7 +16,8 @@ const OMEGA_MIN: f64 = 1e-7;
 const LINEAR: u32 = 512;
 
 /// Necessary device damping for a wall with stiffness K, N/m, and damping B, N s/m (any sign), over all frequencies.
-/// Infinite if the estimator has a pole on or outside the unit circle, because the condition does not hold then.
+/// Infinite if the estimator has a pole on or outside the unit circle, because the condition is not valid for this
+/// estimator.
 ///
 /// # Errors
 /// A number is not finite, the rate is not above 0, or the estimator is not usable.

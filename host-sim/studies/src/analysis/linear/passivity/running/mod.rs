@@ -232,7 +232,7 @@ impl Point {
             apart += alias.most * off;
             squares += alias.most * off * off;
         }
-        // r^2 - |c|^2 for a time-invariant hand. The Cauchy-Schwarz difference is then added to r^2.
+        // First r^2 - |c|^2 for a time-invariant hand. For any hand, the Cauchy-Schwarz difference is added to r^2.
         let still = less * (most + along) - across * across;
         let free = (still + (weight * squares - apart * apart)).max(0.0);
         sum.re + (free + sum.re * sum.re).sqrt()
