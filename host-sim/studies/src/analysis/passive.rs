@@ -47,8 +47,8 @@ impl PassiveQuestion {
     }
 }
 
-/// Results of hits at the walls of a boundary, with one duration. Values are means over the walls, except the largest
-/// values.
+/// Results of hits at the walls of a boundary, with one duration. Values are means over the walls, except values that
+/// are called the largest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Length {
     /// Nominal cutoff, Hz; `None` without a cutoff.
@@ -75,7 +75,8 @@ pub struct Length {
     pub sag: f64,
 }
 
-/// Results of hits at the walls of a boundary. Values are means over the walls, except the largest values.
+/// Results of hits at the walls of a boundary. Values are means over the walls, except values that are called the
+/// largest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Hits {
     pub walls: usize,

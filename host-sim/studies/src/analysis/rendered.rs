@@ -291,8 +291,8 @@ impl Answer {
 
 impl Sine<'_> {
     /// Coefficients of position, velocity and granted force, divided by the coefficient of the motion. An estimator
-    /// without a force input does not depend on the output period. So all samples are used instead of the outputs only.
-    /// This reduces the ripple of the counts.
+    /// without a force input does not depend on the output period. So for this estimator all samples are used, and not
+    /// only the outputs. This reduces the ripple of the counts.
     fn coefficients(&self, is_told: bool) -> Result<[Complex<f64>; 3], Error> {
         let (mut sums, mut count) = ([Complex::new(0.0, 0.0); 3], 0.0);
         self.run_at(!is_told, |output| {
@@ -337,8 +337,8 @@ mod tests {
 
     /// Error by quantisation at an amplitude of 100 counts.
     const ROUNDING: f64 = 1.5e-3;
-    /// Error by quantisation of a single wall from its outputs only, if most of its force comes from the damper. This
-    /// error is larger for estimators that chatter.
+    /// Error by quantisation if a wall is measured alone and only at its outputs, and most of the wall's force comes
+    /// from the damper. This error is larger for estimators that chatter.
     const ROUNDING_OF_OUTPUTS: f64 = 0.015;
     const CHATTER: f64 = 0.1;
 

@@ -1,8 +1,9 @@
 //! Finds walls that a walk may need later, so that a free lane can run them.
 //!
 //! A walk continues from verdict to verdict. A future verdict is guessed from the boundary so far, and from the
-//! boundary of a neighbour, which has another start or another tuning. The wall that is most likely needed is run. A
-//! wrong guess only uses a lane that would be idle. The guess changes no boundary and no number of hits.
+//! boundary of a neighbour. A neighbour is a walk with another start or another tuning. The wall that is most likely
+//! needed is run. A wrong guess only uses a lane that would be idle. The guess changes no boundary and no number of
+//! hits.
 
 use std::{
     cmp::Reverse,

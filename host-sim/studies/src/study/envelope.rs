@@ -5,7 +5,7 @@
 //! does not find the soft wall. So the envelope has an interval of K at each B. This interval is the longest one in
 //! which every hit is stable, up to the smallest boundary of all repeats.
 //!
-//! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which limits the number of hits.
+//! To limit the number of hits, hits are only made on every [`STRIDE`]-th line of the walk's grid, in both directions.
 //! Between two B, the firmware allows a K if the intervals of both B contain this K.
 
 use std::fmt::Write as _;

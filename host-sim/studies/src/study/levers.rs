@@ -49,7 +49,7 @@ const SIZES: i32 = 13;
 /// A device in a loop.
 #[derive(Clone, Debug)]
 pub struct Lever {
-    /// Name of the loop, which is the name of the scene or of a board.
+    /// Name of the loop: the name of the scene or of a board.
     pub of_loop: String,
     /// Added elements between the output and the handle.
     pub between: Between,

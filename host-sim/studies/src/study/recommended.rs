@@ -88,7 +88,7 @@ const SOFTER: f64 = 0.9;
 const SOFTER_TRIES: i32 = 30;
 
 impl Held {
-    /// Tries the wall with every protocol except the scene's own.
+    /// Tries the wall with every protocol except the scene's own protocol.
     fn each(how: How<'_>, scene: &Scene, wall: &WallHit) -> Result<Vec<Self>, Error> {
         let others = Protocol::ALL.into_par_iter().filter(|of| *of != scene.wall_hit.protocol);
         let held = |protocol| {

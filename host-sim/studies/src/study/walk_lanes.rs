@@ -63,7 +63,7 @@ pub fn walks(
     run(engine, queue.prepared, numeric, Depth::Verdict, &mut work);
 }
 
-/// Results, each with two indices: of its queue, and of its walk in the queue.
+/// Results. Each result has two indices: the index of the queue, and the index of the walk in this queue.
 pub(super) type Made = Vec<((usize, usize), Result<Boundary, Error>)>;
 
 /// Calls `work` for all queues on each thread of the current pool. Each thread begins with another queue, so that fewer

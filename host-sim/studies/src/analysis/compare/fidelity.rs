@@ -7,10 +7,10 @@
 //! The encoder's rounding, periodic error, noise and jitter, and the amplifier's pole, are included. Saturation, the
 //! rule that the wall never pulls, and the quantisation of the output are not included ([`LEFT_OUT`]). An amplifier
 //! error is not included either, because the impedance would depend on the force. Other elements, for example mode, arm
-//! or friction, would only change the motion, which is prescribed here.
+//! or friction, would only change the motion. But here the motion is prescribed.
 //!
-//! An estimator that needs a force gets the motor's force when it is granted, as in the loop. The estimator does not
-//! get the force of the hand, which moves the handle.
+//! An estimator that needs a force gets the motor's force when it is granted, as in the loop. The hand moves the
+//! handle, and the estimator does not get the force of the hand.
 //!
 //! **The estimator's share.** Hold and latency of the loop change the impedance by the same amount for all estimators.
 //! So a second loop uses the true velocity at the sample instead of the estimate. The distance between the impedances

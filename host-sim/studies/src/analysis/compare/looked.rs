@@ -24,7 +24,7 @@ pub(super) struct Look {
 }
 
 pub(super) struct Looked<T> {
-    /// For each tuning, the boundaries from its starts, each with its judgement.
+    /// For each tuning, the boundaries from the starts. Each boundary has a judgement.
     made: Vec<(VelocitySettings, Vec<(T, Boundary)>)>,
     pub(super) hits: u64,
 }

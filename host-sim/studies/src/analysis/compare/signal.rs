@@ -268,7 +268,7 @@ mod tests {
 
     #[test]
     fn a_coarse_encoder_does_not_move_the_phase() {
-        // The delay at 100 Hz is half a sample for every size of a count, which is 1.8 degrees.
+        // For every size of a count, the delay is half a sample. At 100 Hz this is 1.8 degrees.
         for resolution_m in [1e-6, 1e-5, 2e-5, 4e-5] {
             let mut scene = NamedScene::load("paper-1um").unwrap().scene;
             scene.encoder.resolution_m = resolution_m;
@@ -289,8 +289,8 @@ mod tests {
         let butterworth = signal(VelocitySettings::Butterworth { cutoff_hz: 500.0 });
         assert!((butterworth.delay_s.hand / 5.0e-4 - 1.0).abs() < 0.01, "{butterworth:?}");
         assert!((butterworth.phase_100_hz_deg.hand + 18.2).abs() < 0.1, "{butterworth:?}");
-        // The count changes with probability 1/2 per sample. So half of the differences are +-1 count, which is 10
-        // mm/s.
+        // The count changes with probability 1/2 per sample. So half of the differences are +-1 count, and +-1 count is
+        // 10 mm/s.
         assert!((plain.noise_at_rest_m_per_s / (0.01 * 0.5f64.sqrt()) - 1.0).abs() < 0.02);
         assert!(butterworth.noise_at_rest_m_per_s < 0.1 * plain.noise_at_rest_m_per_s);
         assert!(butterworth.noise_in_motion_m_per_s < plain.noise_in_motion_m_per_s);

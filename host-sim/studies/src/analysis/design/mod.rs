@@ -1,9 +1,10 @@
-//! Finds the best velocity filter for a device, and not only the best cutoff. The filter has one or two biquads after
-//! the finite difference, in the core's fixed point. The filter is designed for the worst of several conditions. A
-//! condition sets the push, the hand and the limit.
+//! Finds the best velocity filter for a device: its form and not only its cutoff. The filter has one or two biquads
+//! after the finite difference, in the core's fixed point. The filter is designed for the worst of several conditions.
+//! A condition sets the push, the hand and the limit.
 //!
-//! * The quality of a filter is its area divided by the area of finite difference and Butterworth at its best cutoff of
-//!   `[sweep]`, in the worst condition. With one condition, the best filter has the largest area.
+//! * The quality of a filter is a ratio of areas, in the worst condition. The filter's area is divided by the area of
+//!   finite difference and Butterworth at the best cutoff of `[sweep]`. With one condition, the best filter has the
+//!   largest area.
 //! * [`evolution`] is a global search over poles, lead and second zero ([`shape`]), for several limits of the gain peak
 //!   (caps) together. The grid of the walk is so coarse that Butterworth's boundary has about 28 columns.
 //! * The best filters of the first cap are refined on a grid with twice as many columns.

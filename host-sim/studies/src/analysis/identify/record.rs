@@ -243,7 +243,7 @@ fn in_range(step_s: f64) -> Result<(), String> {
     }
 }
 
-/// The first step of about 2^16 counts with small steps before and after it: its line and its size.
+/// Line and size of the first step of about 2^16 counts between small steps.
 fn wrap(rows: &[Row], resolution_m: f64) -> Option<(usize, f64)> {
     let steps = rows.windows(2).map(|pair| {
         let moved_m = pair[1].position_m - pair[0].position_m;

@@ -15,7 +15,7 @@
 //! Its eigenvalues show which side of a crossing is stable.
 //!
 //! Passivity ([`passivity`]) is a stricter criterion (after Colgate and Schenkel): no motion may take energy out of the
-//! port. Passivity ranks cutoffs in the opposite order.
+//! port. By passivity, the order of the cutoffs is opposite to the order by stability.
 //!
 //! A plant with linear elements ([`Elements`]) may replace the single mass: the amplifier's lag, a second mode, or an
 //! arm. Non-linear elements are not included.

@@ -18,7 +18,7 @@ use super::recompute::{Recomputed, Row};
 pub use asked::{Told, lsb_m_per_s, replay, velocity};
 pub use rank::{Ranked, Ranking, rank};
 
-/// Longest delay between two estimators that can be found, samples.
+/// Longest delay that can be found between two estimators, samples.
 const LAG: usize = 500;
 /// Samples at the beginning that are not compared, at most a tenth of all samples. The estimator begins at rest, but
 /// the board's estimator was moving.

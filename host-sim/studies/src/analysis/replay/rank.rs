@@ -174,8 +174,8 @@ impl Bench<'_> {
         Ok(rms(off[self.inner.clone()].iter().copied()))
     }
 
-    /// The settings at a point on the axes. Levant's bandwidth is defined for an error of one count, which has no
-    /// meaning if the acceleration is many counts. So its parameter goes from 1/30 to 30 times the largest
+    /// The settings at a point on the axes. Levant's bandwidth is defined for an error of one count. This bandwidth has
+    /// no meaning if the acceleration is many counts. So Levant's parameter goes from 1/30 to 30 times the largest
     /// acceleration.
     fn at(&self, axes: &Axes, place: [f64; 2]) -> VelocitySettings {
         let settings = axes.at(place);

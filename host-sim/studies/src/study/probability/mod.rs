@@ -104,7 +104,7 @@ impl Draws {
             .collect()
     }
 
-    /// A fresh draw, which is not in [`all`](Self::all).
+    /// A fresh draw. It is not in [`all`](Self::all).
     fn fresh(&self, number: u64) -> Result<Drawn, Error> {
         let number = u64::from(u32::MAX) + number;
         Ok(Drawn { prepared: self.device(number)?, starts: vec![random::uniform(STARTS, number)] })
@@ -365,7 +365,8 @@ fn map(
 pub struct Verdicts {
     /// Number of draws for which each cutoff has the largest area.
     pub best: Vec<u32>,
-    /// Number of draws for which each cutoff is ideal, which is the lowest cutoff within 2 % of the largest area.
+    /// For each cutoff, the number of draws for which this cutoff is ideal. The ideal cutoff is the lowest cutoff
+    /// within 2 % of the largest area.
     pub ideal: Vec<u32>,
     /// The cutoff with the largest area in the worst 5 % of the draws; `None` if no wall is stable.
     pub leading: Option<usize>,

@@ -343,7 +343,7 @@ fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     let below: Vec<f64> = omegas.iter().rev().filter(|w| **w > 1e-6).map(|w| PI - w).collect();
     omegas.extend(below);
     omegas.push(PI);
-    // Near a resonance the response changes within the width of its damping, which may be very small.
+    // Near a resonance the response changes within a width that may be very small with low damping.
     for mark in response.marks() {
         let mut distance = step;
         while distance > MARK_MIN {

@@ -195,7 +195,7 @@ fn extremes_give_numbers() {
 
 #[test]
 fn lower_cutoff_relaxes_passivity() {
-    // The order of the cutoffs is opposite to their order by the stability boundary.
+    // By passivity, the order of the cutoffs is opposite to the order by the stability boundary.
     let at = |hz| damping(20_000.0, 20.0, 1e4, &TransferFunction::paper(1e4, hz).unwrap());
     let demands = [50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 4000.0].map(at);
     assert!(demands.is_sorted(), "{demands:?}");

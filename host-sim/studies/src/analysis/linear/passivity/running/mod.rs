@@ -18,7 +18,7 @@
 //! The eigenvector of the largest eigenvalue is the worst motion. With a force for every sample and without latency, C
 //! is the same at all relevant aliases and r = |c|. In this case the condition is equal to the condition of Colgate and
 //! Schenkel. For a time-invariant hand the condition is weaker. The aliases of a time-invariant hand respond
-//! independently, so r is only the sum of `|C| / w_n^2`, which is not larger (Cauchy and Schwarz).
+//! independently, so r is only the sum of `|C| / w_n^2`. This sum is at most the r of the formula (Cauchy and Schwarz).
 //!
 //! For V = 0 and a latency of whole periods, the result is `K < b / (T/2 + t_d)`, the line of Gil, Sanchez, Hulin,
 //! Preusche and Hirzinger (JCISE 9(1) 011005, 2009). Fardad and Bamieh, IEEE TAC 54(10), 2009, treat passivity of
