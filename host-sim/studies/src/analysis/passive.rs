@@ -26,7 +26,7 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// Largest number of walls on a boundary that are hit. The walls are evenly spaced in B.
+/// Largest number of walls that are hit on a boundary. The walls are evenly spaced in B.
 const WALLS: usize = 24;
 
 #[derive(Clone, Debug)]

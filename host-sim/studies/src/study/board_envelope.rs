@@ -151,8 +151,8 @@ pub fn with_first_estimator(named: &NamedScene) -> Result<NamedScene, Error> {
     Ok(named)
 }
 
-/// Sets the estimator of the scene. If the scene already has this estimator, its settings do not change. Otherwise the
-/// estimator has its defaults.
+/// Sets the estimator of the scene. If the scene already has this estimator, the scene's settings do not change.
+/// Otherwise the estimator has its defaults.
 fn take(scene: &mut Scene, estimator: EstimatorName) {
     if scene.velocity.estimator() != estimator {
         scene.velocity = VelocityTable::from(estimator.defaults()).with_cutoff(None);

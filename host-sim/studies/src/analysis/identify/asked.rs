@@ -27,11 +27,11 @@ const RESOLUTION_M: RangeInclusive<f64> = 1e-8..=1e-3;
 pub struct GainAsked {
     /// Force per volt, N/V, or in the units of the options.
     pub gain: Option<f64>,
-    /// k_t of the equation gain = k_t k_amp / r_c, N m/A.
+    /// k_t of gain = k_t k_amp / r_c, N m/A.
     pub torque_constant: Option<f64>,
-    /// k_amp of the same equation, A/V.
+    /// k_amp of gain = k_t k_amp / r_c, A/V.
     pub amplifier_gain: Option<f64>,
-    /// r_c of the same equation, m.
+    /// r_c of gain = k_t k_amp / r_c, m.
     pub drum_radius: Option<f64>,
     /// Mass of a weight that the motor holds, kg.
     pub calibration_mass: Option<f64>,

@@ -212,7 +212,7 @@ mod tests {
     use super::*;
     use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 
-    /// Residual of a quantised sweep with noise, and positions, both in counts.
+    /// Residual and positions of a quantised sweep with noise, in counts.
     fn swept(noise: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         let position: Vec<f64> = (0..20_000).map(|n| 1e-3 * f64::from(n).powf(1.7)).collect();

@@ -527,7 +527,7 @@ fn of_axis(record: &Record) -> Result<Identification, String> {
     identify(std::slice::from_ref(record), &options)
 }
 
-/// Checks that inertia, damping and friction of an axis are inside their intervals. Checks also that the fit finds no
+/// Checks that inertia, damping and friction of an axis are inside their intervals. Also checks that the fit finds no
 /// other term.
 fn holds(record: &Record, truth: [f64; 3]) {
     let found = of_axis(record).unwrap();
