@@ -1,9 +1,9 @@
 //! The best estimators of each criterion, among estimators with the same kind of inputs.
 //!
-//! Repeats of a walk and of a hit scatter. So, with repeats, some means cannot be distinguished from the best mean.
-//! Welch's t-test decides, as in a sweep ([`crate::numerics::statistics`]). Two means are only distinguished if the
-//! test shows that the worse mean is below 98 % of the better mean. If smaller values are better, the test is whether
-//! the better mean is below 98 % of the worse mean.
+//! The results of repeated walks and hits scatter. So some means cannot be distinguished from the best mean. Welch's
+//! t-test decides, as in a sweep ([`crate::numerics::statistics`]). Two means are only distinguished if the test shows
+//! that the worse mean is below 98 % of the better mean. If smaller values are better, the test is whether the better
+//! mean is below 98 % of the worse mean.
 
 use std::borrow::Cow;
 

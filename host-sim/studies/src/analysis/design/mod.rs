@@ -56,7 +56,7 @@ const REFINE: f64 = 0.2;
 /// these.
 const CHOICE: [f64; 4] =
     [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
-/// Number of filters of each cap and grid that are walked on the scene's grid.
+/// Number of best filters that are walked again on the scene's grid, for each cap and each grid of the search.
 const CHOSEN: usize = 8;
 /// Caps on the gain peak, dB, for further filters of the result. Only caps below the requested cap are used.
 const FRONT_DB: [f64; 6] = [12.0, 9.0, 6.0, 4.5, 3.0, 1.5];
