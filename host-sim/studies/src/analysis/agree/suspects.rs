@@ -34,9 +34,10 @@ const DRY: [f64; 6] = [0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
 const NOISE: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
 /// Added latencies, in output periods.
 const LATER: [f64; 8] = [0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5];
-/// Seed of the noise, if the scene has no noise.
+/// Seed of noise that is added to a scene without noise.
 const SEED: u32 = 1;
-/// Stribeck speed of the friction, if the scene has no friction, m/s. Static and Coulomb friction are equal.
+/// Stribeck speed of friction that is added to a scene without friction, m/s. Static and Coulomb friction of this added
+/// friction are equal.
 const STRIBECK_M_PER_S: f64 = 1e-3;
 
 /// Divides mass, damping, stiffness and all other forces of the device by `times`. The device then moves as if the
