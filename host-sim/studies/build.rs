@@ -7,8 +7,8 @@ use std::{
 
 use sha2::{Digest as _, Sha256};
 
-/// Paths relative to this crate: the core, the loop, the studies, and the versions of the libraries. All of them
-/// influence the bits of results.
+/// Paths of the core, the loop, the studies and the versions of the libraries, relative to this crate. All these
+/// sources influence the bits of results.
 const SOURCES: [&str; 4] = ["../../src", "../loop/src", "src", "../../Cargo.toml"];
 
 fn main() -> io::Result<()> {

@@ -78,12 +78,12 @@ result! { value
         looks_at: String,
         /// The estimators with the best mean.
         best: Tuple<String>,
-        /// Estimators that the repeats cannot distinguish from the best one.
+        /// Estimators that the repeats cannot distinguish from the best estimator.
         not_told_apart: Tuple<String>,
         /// Value of the best estimator, in the unit of the column.
         value: f64,
         /// Rank of finite difference and Butterworth: 1 plus the number of estimators that are shown to be better. None
-        /// if it is not compared.
+        /// if this estimator is not compared.
         butterworth_rank: Option<u32>,
     }
 }
@@ -133,18 +133,18 @@ result! { table(table)
 ///     use the scene's grid. With `"quiet"`, the column `scene_area_n2_s_per_m2` has the area by the scene's own
 ///     criterion at the same tuning.
 /// damping : float, optional
-///     B at which K is read and contacts are compared, N s/m. Default: 100, or half of the largest B that finite
-///     difference and Butterworth reaches, whichever is less.
+///     B at which K is read and contacts are compared, N s/m. Default: the smaller of 100 and half of the largest B
+///     that finite difference and Butterworth reaches.
 /// budget : int
 ///     Largest number of tunings that the search tries for an estimator with one parameter, 3 to 1000. With two
-///     parameters it is four times as large.
+///     parameters the limit is four times as large.
 /// repeat : int
-///     Number of walks at the result of each search. Their starts are spread over a count.
+///     Number of walks at the result of each search. The starts are spread over a count.
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the number of finished walks and the largest possible number. An exception in it
-///     ends the work.
+///     Called from this thread with the number of finished walks and the largest possible number. An exception in this
+///     function ends the work.
 ///
 /// Raises
 /// ------
@@ -231,7 +231,7 @@ result! { table(table)
     Explanation {
         /// Name of the scene.
         scene: String,
-        /// First the unchanged scene, then the changes by area, with the columns of the command line's `explain.csv`.
+        /// The unchanged scene, then the changes by area, with the columns of the command line's `explain.csv`.
         table: Told,
         /// Every point of every walk: `change`, `repeat`, `damping_n_s_per_m`, `stiffness_n_per_m`.
         boundaries: Told,
@@ -253,12 +253,12 @@ result! { table(table)
 /// criterion : str
 ///     As in `compare`.
 /// damping : float, optional
-///     B at which K is read, N s/m. Default: 100, or half of the largest B that the scene reaches, whichever is less.
+///     B at which K is read, N s/m. Default: the smaller of 100 and half of the largest B that the scene reaches.
 /// budget : int
-///     Largest number of tunings that the search tries for each change, 3 to 1000. With two parameters it is four times
-///     as large.
+///     Largest number of tunings that the search tries for each change, 3 to 1000. With two parameters the limit is
+///     four times as large.
 /// repeat : int
-///     Number of walks at the result of each search, 2 or more. Their starts are spread over a count.
+///     Number of walks at the result of each search, 2 or more. The starts are spread over a count.
 /// engine, threads, progress
 ///     As in `compare`.
 ///
@@ -327,17 +327,17 @@ result! { table(table)
         scene: String,
         /// One row for each loop, estimator and limit, with the columns of the command line's `peers.csv`.
         table: Told,
-        /// Notes that a reader needs to understand the numbers. They name the defaults that cannot run at the scene's
-        /// rate.
+        /// Notes that a reader needs to understand the numbers. The notes also name the defaults that cannot run at the
+        /// scene's rate.
         notes: Tuple<String>,
     }
 }
 
 /// Walk with the default velocity filters of other systems, without tuning.
 ///
-/// The results also have the true velocity and the scene's own estimator. If that estimator has a cutoff, it is used at
-/// 500 and 1500 Hz. All run in the scene's own loop, and also with the latency and output of each board. With the
-/// scene's own steps, the walks take minutes.
+/// The results also have the true velocity and the scene's own estimator. If the scene's own estimator has a cutoff,
+/// the cutoffs 500 and 1500 Hz are used. All walks are made in the scene's own loop, and again with the latency and
+/// output of each board. With the scene's own steps, the walks take minutes.
 ///
 /// Parameters
 /// ----------
@@ -350,12 +350,12 @@ result! { table(table)
 ///     Step of K, N/m, and step of B, N s/m. The walks also begin at these values. Default: a quarter of the scene's
 ///     step of K and half of its step of B.
 /// repeat : int
-///     Number of walks of each row. Their starts are spread over a count.
+///     Number of walks of each row. The starts are spread over a count.
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the number of finished walks and the largest possible number. An exception in it
-///     ends the work.
+///     Called from this thread with the number of finished walks and the largest possible number. An exception in this
+///     function ends the work.
 ///
 /// Raises
 /// ------

@@ -30,29 +30,27 @@ use crate::{
     work::raised,
 };
 
-/// A velocity estimator of the control core, with its state. From recorded counts it computes the velocities of the
-/// firmware.
+/// A velocity estimator of the control core, with its state. From recorded counts the estimator computes the velocities
+/// of the firmware.
 ///
 /// Parameters
 /// ----------
 /// name : str
 ///     One of `zwidth.ESTIMATORS`.
 /// scene : Scene
-///     Gives sample rate and encoder. It also gives mass and force if the estimator needs them.
+///     Gives sample rate and encoder, and, if the estimator needs them, mass and force.
 /// cutoff : float, optional
 ///     Nominal cutoff, Hz. Omit it for an estimator without a cutoff.
 /// **parameters
 ///     Other keys of a scene's `[velocity]` table. If the scene has this estimator, missing keys come from the scene.
-///     Otherwise they have their defaults (docs/estimators.md), and the mass is the device's.
+///     Otherwise missing keys have their defaults (docs/estimators.md), and the mass is the device's mass.
 ///
 /// Raises
 /// ------
 /// ValueError
 ///     There is no such estimator, or a parameter is out of range.
 ///
-/// Notes
-/// -----
-/// A copy (`copy.copy`) continues independently, from the state at which it was made.
+/// Notes ----- A copy (`copy.copy`) begins with the state of the original, and then continues independently.
 ///
 /// Examples
 /// --------
@@ -78,8 +76,8 @@ const BLOCK: usize = 1 << 16;
 const NAMES: Names =
     Names { cutoff: "cutoff", stiffness: "", damping: "", start_offset: "start_offset" };
 
-/// The table `[velocity]` for the estimator of this name. It has the scene's own keys if the scene has this estimator.
-/// Otherwise it has the defaults and the device's mass.
+/// The table `[velocity]` for the estimator of this name. If the scene has this estimator, the table has the scene's
+/// own keys. Otherwise the table has the defaults and the device's mass.
 fn velocity_table(name: &str, scene: &NamedScene) -> PyResult<toml::Table> {
     let found = EstimatorName::ALL.iter().find(|known| known.text() == name);
     let found = found.ok_or_else(|| {
@@ -213,7 +211,7 @@ impl Estimator {
         Scene(Arc::clone(&self.scene))
     }
 
-    /// Nominal cutoff, Hz; None for an estimator without one.
+    /// Nominal cutoff, Hz; None for an estimator without a cutoff.
     #[getter]
     fn cutoff_hz(&self) -> Option<f64> {
         self.cutoff_hz
@@ -244,7 +242,7 @@ impl Estimator {
         self.clone()
     }
 
-    /// Velocities at these counts. The next block continues after the last count.
+    /// Velocities at these counts. The next call continues after the last count of this call.
     ///
     /// Parameters
     /// ----------
@@ -254,15 +252,15 @@ impl Estimator {
     /// force, acceleration : array of int, optional
     ///     Mean force and mean acceleration since the last sample, in the core's format (docs/estimators.md).
     /// edge_age, edge_up : array, optional
-    ///     `edge_age` is the time from the latest edge to the sample, in 2^-16 samples. It is below 0 before the first
-    ///     edge. `edge_up` says whether the count increased at this edge.
+    ///     `edge_age` is the time from the latest edge to the sample, in 2^-16 samples. Before the first edge the value
+    ///     is below 0. `edge_up` says whether the count increased at this edge.
     /// bits : bool
     ///     Return the core's integers instead of m/s.
     ///
     /// Returns
     /// -------
     /// ndarray
-    ///     Velocity, m/s (float64), or bits (int32). It is 0 at the first count.
+    ///     Velocity, m/s (float64), or bits (int32). The velocity is 0 at the first count.
     ///
     /// Raises
     /// ------

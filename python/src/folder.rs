@@ -1,4 +1,4 @@
-//! A study in a folder. Any machine can run its units. Only this process writes the results.
+//! A study in a folder. Any machine can run units of the study. Only this process writes the results.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -17,7 +17,7 @@ use crate::{
     work::{raised, run},
 };
 
-/// Text, origin and folder of a study. A worker needs them to read the study again.
+/// Text, origin and folder of a study. A worker needs all three to read the study again.
 #[pyfunction]
 pub fn study_text(py: Python<'_>, study: Asked) -> PyResult<(String, String, PathBuf)> {
     text_of(study.0.bind(py))
@@ -27,7 +27,7 @@ pub fn study_text(py: Python<'_>, study: Asked) -> PyResult<(String, String, Pat
 #[pyclass(frozen, module = "zwidth._native")]
 pub struct StudyUnits {
     study: Arc<Study>,
-    /// Path of the study's file, if it was read from a file.
+    /// Path of the study's file, if the study was read from a file.
     origin: PathBuf,
 }
 
@@ -63,7 +63,7 @@ impl StudyUnits {
     }
 }
 
-/// The folder of a study, as `cargo sim study --out` writes it. Only one process at a time may use it.
+/// The folder of a study, as `cargo sim study --out` writes it. Only one process at a time may use the folder.
 #[pyclass(module = "zwidth._native")]
 pub struct StudyFolder {
     #[pyo3(get)]
@@ -106,7 +106,7 @@ impl StudyFolder {
         Ok((0..self.units).filter(|unit| !done.contains_key(unit)).collect())
     }
 
-    /// Writes the part of a unit and adds it to the manifest.
+    /// Writes the part of a unit and adds the part to the manifest.
     fn add(&mut self, unit: u64, key: &str, csv: String, rows: u64, hits: u64) -> PyResult<()> {
         let own = self.study.unit_key(unit, self.numeric);
         if own != key {

@@ -119,8 +119,8 @@ impl FromPyObject<'_, '_> for Places {
 }
 
 result! { value
-    /// A fitted value with its 95 % interval. If the value was given, both ends are the value. The unit is in the name
-    /// of the estimate's attribute.
+    /// A fitted value with its 95 % interval. If the value was given, both ends are the value. The unit is part of the
+    /// attribute's name, for example `mass_kg`.
     Estimate {
         /// The fitted or given value.
         value: f64,
@@ -166,7 +166,7 @@ result! { value
         term: String,
         /// Value divided by its standard error.
         standard_errors: f64,
-        /// Probability of such a value if the true value is 0, for all candidates together.
+        /// Probability of a value this far from 0 if the true value is 0, for all candidates together.
         p: f64,
     }
 }
@@ -182,7 +182,7 @@ result! { value
         whiteness_p: f64,
         /// Autocorrelation from row to row.
         autocorrelation: f64,
-        /// Whether quantisation causes the residual, and not noise.
+        /// Whether the residual comes from quantisation and not from noise.
         bound_by_quantisation: bool,
         /// Fraction of the quantiser's sawtooth in the residual, 0 to 1.
         coherence: f64,
@@ -196,8 +196,8 @@ result! { value
 }
 
 result! { table
-    /// The identified device. Lengths and forces are at the handle, also for a rotary device. Its table is the fit of
-    /// the first record.
+    /// The identified device. Lengths and forces are at the handle, also for a rotary device. The table of this object
+    /// is the fit of the first record.
     Identification {
         /// Names of the records.
         logs: Tuple<String>,
@@ -225,19 +225,19 @@ result! { table
         gain_n_per_a: Option<Part<Estimate>>,
         /// Time from a row's time stamp to the effect of its command, s.
         latency_s: Part<Estimate>,
-        /// Dry friction, N; None if it is not in the model.
+        /// Dry friction, N; None if the model has no friction.
         friction_n: Option<Part<Estimate>>,
         /// Largest friction at rest, N; None if friction does not fall with the speed.
         static_friction_n: Option<Part<Estimate>>,
         /// Speed over which friction falls, m/s; None if friction does not fall with the speed.
         stribeck_speed_m_per_s: Option<Part<Estimate>>,
-        /// Time constant of the amplifier, s; None if it is not in the model.
+        /// Time constant of the amplifier, s; None if the model has no lag.
         amplifier_lag_s: Option<Part<Estimate>>,
-        /// Constant force, N; None if it is not in the model.
+        /// Constant force, N; None if the model has no offset.
         offset_n: Option<Part<Estimate>>,
-        /// Force that is periodic in the position; None if it is not in the model.
+        /// Force that is periodic in the position; None if the model has no cogging.
         cogging: Option<Part<CoggingTerm>>,
-        /// Periodic error of the encoder; None if it is not in the model.
+        /// Periodic error of the encoder; None if the model has no such error.
         encoder_error: Option<Part<EncoderTerm>>,
         /// Test of each term in the model, in addition to mass, damping and spring.
         tests: Tuple<Part<TermTest>>,
@@ -278,7 +278,7 @@ result! { table
 }
 
 result! { table(pulses)
-    /// Pulses that identify a scene's device. Its table is `pulses`.
+    /// Pulses that identify a scene's device. The table of this object is `pulses`.
     Plan {
         /// Name of the scene.
         scene: String,
@@ -318,7 +318,8 @@ fn turn<'py, const N: usize>(
 /// Find mass, damping, stiffness and more of a device from recorded voltage and position.
 ///
 /// One record cannot distinguish these values from the force per volt. So give the force per volt in one of four ways.
-/// Only a rotary base scene has its own. Lengths and forces are at the handle, also for a rotary scene.
+/// Only a rotary base scene already has a force per volt. Lengths and forces are at the handle, also for a rotary
+/// scene.
 ///
 /// Parameters
 /// ----------
@@ -333,7 +334,8 @@ fn turn<'py, const N: usize>(
 /// calibration_mass, calibration_voltage : float, optional
 ///     Force per volt from a weight, kg, and the voltage that holds it still, V.
 /// added_mass : float, optional
-///     Mass that was added to the device for the second of two records, kg. Then the force per volt is fitted too.
+///     Mass that was added to the device for the second of two records, kg. With this argument, the force per volt is
+///     fitted too.
 /// latency : float, optional
 ///     Time from a row's time stamp to the effect of its command, rows of the log. Default: the base scene's latency.
 /// fit_latency : bool
@@ -343,12 +345,13 @@ fn turn<'py, const N: usize>(
 /// terms : {"auto", "none"} or iterable of {"friction", "stribeck", "amplifier", "offset", "cogging", "phase"}
 ///     Terms in addition to mass, damping and spring: the terms that the records show, no terms, or the named terms.
 /// rest_position : float, optional
-///     Rest position of the spring without any other force, m. With it, a constant force can be distinguished.
+///     Rest position of the spring without any other force, m. With this value, a constant force can be distinguished
+///     from a shift of the rest position.
 /// encoder_cycle : float, optional
-///     Travel per cycle of the encoder's signals, m. Default: the base scene's value. If the scene has none, it is
-///     searched.
+///     Travel per cycle of the encoder's signals, m. Default: the base scene's value. If the scene has no value, the
+///     cycle is searched in the records.
 /// resolution : float, optional
-///     Size of a count, m; 0 for a sensor without counts. By default the base scene's.
+///     Size of a count, m; 0 for a sensor without counts. Default: the base scene's value.
 /// span : tuple of float or None
 ///     First and last used time stamp of the records, s. None means the beginning or the end.
 ///
@@ -446,10 +449,10 @@ pub fn identify(
     made(&told)
 }
 
-/// Plan the pulses that identify a scene's device. They are as strong as travel, speed and motor allow.
+/// Plan the pulses that identify a scene's device. The pulses are as strong as travel, speed and motor allow.
 ///
-/// **The device moves.** The plan uses the scene's own mass, damping, spring and friction. If these are a first guess,
-/// begin with a tenth of the force, and keep hands and objects away from the whole travel.
+/// **The device moves.** The plan uses the scene's own mass, damping, spring and friction. If these values are a first
+/// guess, begin with a tenth of the force. Keep hands and objects away from the whole travel.
 ///
 /// Parameters
 /// ----------
@@ -487,9 +490,9 @@ result! { value
         unit: String,
         /// The value that explains most of the difference.
         value: f64,
-        /// Lowest tried value that explains the difference equally well.
+        /// Lowest tried value that explains the difference as well as the best value.
         low: f64,
-        /// Highest tried value that explains the difference equally well.
+        /// Highest tried value that explains the difference as well as the best value.
         high: f64,
         /// Whether the range reaches the first or the last tried value.
         at_edge: bool,
@@ -497,19 +500,19 @@ result! { value
         left_n_per_m: f64,
         /// Whether the value explains the whole difference.
         explains: bool,
-        /// Value in the scene; None if the scene has none.
+        /// Value in the scene; None if the scene does not have the element.
         scene: Option<f64>,
     }
 }
 
 result! { table(walls)
-    /// A measured walk and the predicted walk of a scene. Its table is `walls`.
+    /// A measured walk and the predicted walk of a scene. The table of this object is `walls`.
     Agreement {
         /// Name of the scene.
         scene: String,
         /// Name of the file.
         measured: String,
-        /// Nominal cutoff, Hz; None for an estimator without one.
+        /// Nominal cutoff, Hz; None for an estimator without a cutoff.
         cutoff_hz: Option<f64>,
         /// Whether the distance of the measured walk from the prediction is within the scatter of the scene's own
         /// walks.
@@ -522,7 +525,7 @@ result! { table(walls)
         scatter_n_per_m: f64,
         /// For each B: `damping_n_s_per_m`, predicted K with its range over the starts (`predicted_n_per_m`,
         /// `predicted_low_n_per_m`, `predicted_high_n_per_m`), and measured K (`measured_n_per_m`). `explained_n_per_m`
-        /// is K with the best suspect, or NaN if the walks agree. K is 0 if a walk does not reach that B.
+        /// is K with the best suspect, or NaN if the walks agree. K is 0 if a walk does not reach the B.
         walls: Table,
         /// The suspects, the smallest remaining distance first. Empty if the walks agree.
         suspects: Tuple<Part<Suspect>>,
@@ -531,8 +534,8 @@ result! { table(walls)
     }
 }
 
-/// Check whether a measured walk agrees with the scene's walks. If not, find the value that best explains the
-/// difference.
+/// Check whether a measured walk agrees with the scene's walks. If the walks differ, find the value that best explains
+/// the difference.
 ///
 /// Parameters
 /// ----------
@@ -543,13 +546,13 @@ result! { table(walls)
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the number of finished walks and the largest possible number. An exception in it
-///     ends the work.
+///     Called from this thread with the number of finished walks and the largest possible number. An exception in this
+///     function ends the work.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     The file cannot be read, it is no walk of this scene, or the handle does not reach the wall.
+///     The file cannot be read or is no walk of this scene, or the handle does not reach the wall.
 #[pyfunction]
 #[pyo3(signature = (scene, measured, *, engine = "lanes", threads = None, progress = None))]
 pub fn agree(
@@ -574,7 +577,8 @@ pub fn agree(
 }
 
 result! { table(table)
-    /// Another estimator on the counts of a capture, compared with the board's estimator. Its table is `table`.
+    /// Another estimator on the counts of a capture, compared with the board's estimator. The table of this object is
+    /// `table`.
     Replay {
         /// Name of the estimator.
         estimator: String,
@@ -602,7 +606,7 @@ result! { table(table)
     }
 }
 
-/// Run an estimator on the counts of a capture, from rest. Compare its velocity with the board's.
+/// Run an estimator on the counts of a capture, from rest. Compare its velocity with the board's velocity.
 ///
 /// Parameters
 /// ----------
@@ -618,8 +622,8 @@ result! { table(table)
 /// Raises
 /// ------
 /// ValueError
-///     There is no such estimator, its cutoff is out of range, or it needs more inputs than counts. Or the capture has
-///     no range in which all samples are present.
+///     There is no such estimator, its cutoff is out of range, or the estimator needs more inputs than counts. Or the
+///     capture has no range in which all samples are present.
 #[pyfunction]
 #[pyo3(signature = (scene, capture, *, estimator = None, cutoff = 1500.0))]
 pub fn replay(

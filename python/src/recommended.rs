@@ -35,8 +35,8 @@ result! { value
         area: f64,
         /// Whether the walk's largest allowed K or B cuts the area.
         is_cut: bool,
-        /// For each of the other protocols, the largest K of a quiet wall with that B, N/m. None if there is no such
-        /// wall, or the protocol cannot be tried.
+        /// For each of the other protocols, the largest K of a quiet wall with the B `damping_n_s_per_m`, N/m. None if
+        /// there is no such wall, or the protocol cannot be tried.
         protocols: Tuple<(String, Option<f64>)>,
         /// RMS of the output while the handle rests in free air, N.
         hum_n: f64,
@@ -45,20 +45,20 @@ result! { value
     }
 }
 
-/// Find the recommended cutoff. It has the largest area of walls that are quiet in motion and force.
+/// Find the recommended cutoff. This cutoff has the largest area of walls that are quiet in motion and force.
 ///
 /// Parameters
 /// ----------
 /// scene : Scene
 ///     Device and experiment. The scene's own criterion and limit have no effect.
 /// cutoffs : iterable of float, optional
-///     Nominal cutoffs to begin with, Hz. Default: the scene's. Cutoffs between the best one and its neighbours are
-///     tried too. Without a list, cutoffs beyond the ends are also tried.
+///     Nominal cutoffs to begin with, Hz. Default: the scene's cutoffs. Cutoffs between the best cutoff and its
+///     neighbours are tried too. Without a list, cutoffs beyond the ends are also tried.
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called with the number of finished walks and 0, since the number of all walks is unknown. An exception in it
-///     ends the search.
+///     Called with the number of finished walks and 0, since the number of all walks is unknown. An exception in this
+///     function ends the search.
 ///
 /// Raises
 /// ------

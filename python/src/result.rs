@@ -12,9 +12,10 @@ use pyo3::{
 };
 use sim_studies::table::{Cell, Column, Kind};
 
-/// A frozen Python class with these fields as attributes. Its constructor takes the fields. Its text shows the short
-/// fields. It can be pickled. Objects of a `value` with equal fields are equal. A `table` has its own `columns`. A
-/// `table(FIELD)` has the columns of that field. The columns of `arrays` are their attributes.
+/// A frozen Python class with these fields as attributes. The constructor has an argument for each field. The text of
+/// an object shows the short fields. Objects can be pickled. The first word is the kind of class. Objects of a `value`
+/// are equal if their fields are equal. A `table` writes its own method `columns`. A `table(FIELD)` has the columns of
+/// this field. In `arrays`, each attribute is a column.
 macro_rules! result {
     (table($table:ident) $(#[$of:meta])* $name:ident $fields:tt $($methods:tt)*) => {
         $crate::result::result! { table $(#[$of])* $name $fields
@@ -324,7 +325,7 @@ impl<T: Number> Array<T> {
         Self::new(py, rows.iter().map(of).collect())
     }
 
-    /// A writable array of these values. The caller owns it.
+    /// A writable array of these values. The caller owns the array.
     pub fn writable(py: Python<'_>, values: Vec<T>) -> Self {
         Self(values.into_pyarray(py).to_dyn().clone().unbind())
     }

@@ -81,7 +81,7 @@ impl Scene {
         &self.0.text
     }
 
-    /// The scene as the text of a scene file, with every default. For a rotary scene, the text that was read.
+    /// The scene as the text of a scene file, with every default. For a rotary scene, this is the text that was read.
     fn to_toml(&self) -> PyResult<String> {
         if self.0.scene.units.is_rotary() {
             return Ok(self.0.text.clone());

@@ -113,7 +113,7 @@ result! { value
     Hit {
         /// Name of the scene.
         scene: String,
-        /// Nominal cutoff, Hz; None for an estimator without one.
+        /// Nominal cutoff, Hz; None for an estimator without a cutoff.
         cutoff_hz: Option<f64>,
         /// K of the wall, N/m.
         stiffness_n_per_m: f64,
@@ -142,8 +142,8 @@ result! { value
         /// RMS of the window's outputs about their mean, N. With several pushes: the value of the push that decides the
         /// verdict.
         force_rms_n: f64,
-        /// K times the mean penetration, divided by the wall's mean force. It is 1 for a wall at rest. None if the wall
-        /// has no force.
+        /// K times the mean penetration, divided by the wall's mean force. This ratio is 1 for a wall at rest. None if
+        /// the wall has no force.
         penetration_ratio: Option<f64>,
         /// Energy that the wall has absorbed in the last contact, computed from its force and the counts, J.
         port_taken_j: f64,
@@ -185,7 +185,7 @@ result! { value
 /// Raises
 /// ------
 /// ValueError
-///     A value is out of range. The message has its name, its value and what is allowed.
+///     A value is out of range. The message has the name, the value and the allowed range.
 ///
 /// Examples
 /// --------
@@ -269,7 +269,7 @@ result! { table
     Walk {
         /// Name of the scene.
         scene: String,
-        /// Nominal cutoff, Hz; None for an estimator without one.
+        /// Nominal cutoff, Hz; None for an estimator without a cutoff.
         cutoff_hz: Option<f64>,
         /// B of the boundary's points, ascending, N s/m.
         damping_n_s_per_m: Array<f64>,
@@ -281,7 +281,7 @@ result! { table
         hits: u64,
         /// Reason for the end of the walk; None if its first point is unstable.
         ended_by: Option<String>,
-        /// Largest K of the boundary, N/m; 0 if it is empty.
+        /// Largest K of the boundary, N/m; 0 if the boundary is empty.
         stiffness_peak_n_per_m: f64,
         /// Largest B with a stable K, N s/m; 0 if the boundary is empty.
         damping_max_n_s_per_m: f64,
@@ -330,7 +330,7 @@ fn walked(py: Python<'_>, scene: &str, hz: Option<f64>, boundary: &Boundary) -> 
 /// numeric : {"fixed", "f64", "f64-rounded"}
 ///     As in `hit`.
 /// threads : int, optional
-///     Number of threads. Default: all cores. The result does not depend on it.
+///     Number of threads. Default: all cores. The result does not depend on this number.
 ///
 /// Raises
 /// ------
@@ -387,9 +387,9 @@ result! { table
         areas: Array<f64>,
         /// The walks of every cutoff: `walks[n][repeat]`.
         walks: Tuple<Tuple<Part<Walk>>>,
-        /// Lowest cutoff whose mean area is at least 98 % of the largest, Hz; None if every walk failed.
+        /// Lowest cutoff whose mean area is at least 98 % of the largest mean area, Hz; None if every walk failed.
         ideal_cutoff_hz: Option<f64>,
-        /// Lowest and highest cutoff that the repeats cannot distinguish from the ideal one, Hz.
+        /// Lowest and highest cutoff that the repeats cannot distinguish from the ideal cutoff, Hz.
         ideal_range_hz: Option<(f64, f64)>,
         /// Name of the rule that gave the range.
         ideal_basis: Option<String>,
@@ -424,14 +424,14 @@ result! { table
 /// scene : Scene
 ///     Device and experiment.
 /// cutoffs : iterable of float, optional
-///     Nominal cutoffs, Hz. Default: the scene's.
+///     Nominal cutoffs, Hz. Default: the scene's cutoffs.
 /// repeat : int
-///     Number of walks of each cutoff. Their starts are spread over a count.
+///     Number of walks of each cutoff. The starts are spread over a count.
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the number of finished walks and the number of all. An exception in it ends the
-///     sweep.
+///     Called from this thread with the number of finished walks and the number of all walks. An exception in this
+///     function ends the sweep.
 ///
 /// Raises
 /// ------
@@ -564,8 +564,8 @@ result! { table
 /// start_offset, engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the number of finished walls and the number of all. An exception in it ends the
-///     grid.
+///     Called from this thread with the number of finished walls and the number of all walls. An exception in this
+///     function ends the grid.
 ///
 /// Raises
 /// ------
@@ -665,7 +665,7 @@ result! { table
     Linear {
         /// Name of the scene.
         scene: String,
-        /// Nominal cutoff, Hz; None for an estimator without one.
+        /// Nominal cutoff, Hz; None for an estimator without a cutoff.
         cutoff_hz: Option<f64>,
         /// B of the wall, N s/m.
         damping_n_s_per_m: Array<f64>,
@@ -694,7 +694,7 @@ result! { table
     }
 }
 
-/// Linear stability boundary K(B). Quantisation, saturation and the one side of the wall are ignored.
+/// Linear stability boundary K(B). Quantisation and saturation are ignored. The wall acts on both sides of its surface.
 ///
 /// Parameters
 /// ----------

@@ -25,7 +25,7 @@ use crate::{
 };
 
 /// Text of a study, its name in errors, and the folder of its scenes. The argument is the path of a study's file, or a
-/// dictionary with the keys of such a file.
+/// dictionary with the keys of a study's file.
 pub fn text_of(asked: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> {
     if let Ok(keys) = asked.cast::<PyMapping>() {
         let own = PyDict::new(asked.py());
@@ -66,13 +66,13 @@ result! { table(table)
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the number of finished units and the number of all. An exception in it ends the
-///     study.
+///     Called from this thread with the number of finished units and the number of all units. An exception in this
+///     function ends the study.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     A key, a value or a scene with its changes is wrong. The message names it and what is allowed.
+///     A key, a value or a scene with its changes is wrong. The message gives the wrong item and what is allowed.
 ///
 /// Examples
 /// --------

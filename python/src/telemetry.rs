@@ -90,13 +90,13 @@ result! { plain
         unknown: Tuple<(u64, u64, String)>,
         /// Number of samples that the core has computed.
         computed: u64,
-        /// Number of velocities that equal the board's, bit for bit.
+        /// Number of velocities that are equal to the board's velocities, bit for bit.
         velocities_equal: u64,
-        /// Number of forces that equal the board's, bit for bit.
+        /// Number of forces that are equal to the board's forces, bit for bit.
         forces_equal: u64,
-        /// Number of estimator states that equal the board's, bit for bit.
+        /// Number of estimator states that are equal to the board's states, bit for bit.
         states_equal: u64,
-        /// Number of port energies that equal the board's, bit for bit.
+        /// Number of port energies that are equal to the board's energies, bit for bit.
         energies_equal: u64,
         /// The first difference from the board, or None.
         first_difference: Option<String>,
@@ -108,7 +108,7 @@ result! { plain
         full_scale_n: Option<f64>,
     }
 
-    /// Decode bytes of RTT up channel 1. They may begin and end within a frame.
+    /// Decode bytes of RTT up channel 1. The bytes may begin and end within a frame.
     ///
     /// Raises
     /// ------

@@ -27,7 +27,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Shared state of running work: the request to stop, and the progress.
 #[derive(Default)]
 pub struct Course {
-    /// Set to end the work, because no caller waits for it any more.
+    /// Set to end the work, because no caller waits for the result any more.
     pub stop: AtomicBool,
     /// Number of finished pieces.
     done: AtomicU64,
@@ -52,10 +52,11 @@ pub fn raised(error: Error) -> PyErr {
 }
 
 /// Runs `work` on another thread, with `threads` threads or with all cores. Calls `progress` when the number of
-/// finished pieces changes. Its arguments are this number and `total`, which is 0 if it is unknown.
+/// finished pieces changes. The arguments of `progress` are this number and `total`. `total` is 0 if the number of all
+/// pieces is unknown.
 ///
-/// An exception of `progress` or of a signal is raised at once. The work ends later, when it checks `stop`. So the work
-/// must own its data, must not use Python objects, and must not write a file.
+/// An exception of `progress` or of a signal is raised at once. The work ends later, when the work checks `stop`. So
+/// the work must own its data, must not use Python objects, and must not write a file.
 ///
 /// # Errors
 /// The error of the work, of `progress`, or of a signal.
@@ -107,8 +108,8 @@ fn pool_of(threads: usize) -> PyResult<ThreadPool> {
     pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))
 }
 
-/// The pool of a process that was forked after the first work. The threads of rayon's global pool do not exist in such
-/// a process, so the process would wait for ever. Any other process uses only rayon's global pool.
+/// The pool of a process that was forked after the first work. The threads of rayon's global pool do not exist in a
+/// forked process, so this process would wait for ever. Any other process uses only rayon's global pool.
 ///
 /// `POOL` is locked only while the thread holds the interpreter's lock. A process forks only with the interpreter's
 /// lock, so a child never finds `POOL` locked.

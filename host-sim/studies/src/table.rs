@@ -1,4 +1,4 @@
-//! A result as a table with one kind of value per column. It is written as CSV. Python gets it as arrays.
+//! A result as a table with one kind of value per column. The table is written as CSV. Python gets the table as arrays.
 
 use std::{borrow::Cow, fmt::Write as _};
 

@@ -1,4 +1,5 @@
-//! Tests every function that reads a user's table. All must accept the same files and refuse the same files.
+//! Tests every function that reads a user's table. All these functions must accept the same files and refuse the same
+//! files.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -106,7 +107,7 @@ fn each(cells: &Cells, change: impl Fn(&str) -> String) -> Cells {
     cells.iter().map(|row| row.iter().map(|cell| change(cell)).collect()).collect()
 }
 
-/// Other forms of the good table. Every function must read them as the good table.
+/// Other forms of the good table. Every function must read each form as the good table.
 fn taken(good: &Cells, others: bool) -> BTreeMap<&'static str, String> {
     let commas = each(good, |cell| cell.replace('.', ","));
     let noted = plain(good).replace('\n', "\n\t # a, \"b;\n\n  \t \n#\n");
@@ -306,7 +307,7 @@ fn spoiled(good: &Cells, random: &mut Xoshiro256PlusPlus) -> Vec<u8> {
     bytes
 }
 
-/// Logs with units in their headers, milliseconds and counts among them.
+/// Logs with units in their headers, for example milliseconds and counts.
 fn logs_in_units() -> [Door; 2] {
     let of = |name, scene, header| {
         let row =

@@ -1,5 +1,5 @@
 //! Analyses of a scene in addition to its walks: linear stability and passivity, identification, and comparison of
-//! estimators. Also the cost of number formats and integrators.
+//! estimators.
 
 pub mod agree;
 pub mod compare;

@@ -1,10 +1,11 @@
 //! Compares three boundaries of one estimator: the linear envelope, the walls that are passive with any hand, and the
 //! simulated boundary. Each point of the simulated boundary is explained.
 //!
-//! The simulated boundary may be above the linear envelope. There the linear loop is unstable, so the handle does not
-//! come to rest. Quantisation, saturation and the one-sided wall turn the growing oscillation into a limit cycle. The
-//! wall counts as stable if the RMS of this limit cycle is below the limit of the wall hit. The simulated boundary may
-//! also be below the linear envelope, because the hit starts far from rest and saturation delays the force.
+//! The simulated boundary may be above the linear envelope. Above the envelope the linear loop is unstable, so the
+//! handle does not come to rest. Quantisation, saturation and the one-sided wall turn the growing oscillation into a
+//! limit cycle. The wall counts as stable if the RMS of this limit cycle is below the limit of the wall hit. The
+//! simulated boundary may also be below the linear envelope, because the hit starts far from rest and saturation delays
+//! the force.
 
 use std::sync::atomic::AtomicBool;
 
@@ -31,7 +32,7 @@ pub struct Explained {
 }
 
 impl Explained {
-    /// Whether the linear loop is unstable at this wall. Then the wall is above the envelope and in no further stable
+    /// Whether the linear loop is unstable at this wall. If so, the wall is above the envelope and in no further stable
     /// interval.
     pub fn is_unstable(&self) -> bool {
         let k = self.point.stiffness_n_per_m;
@@ -148,7 +149,7 @@ mod tests {
         }
     }
 
-    /// The loop is unstable at K = 0 and stable in an interval of higher K. There a point is no limit cycle.
+    /// The loop is unstable at K = 0 and stable in an interval of higher K. A point in this interval is no limit cycle.
     #[test]
     fn a_point_in_a_further_stable_stretch_is_stable() {
         // The filter is far slower than the device with its spring.

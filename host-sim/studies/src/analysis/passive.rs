@@ -26,7 +26,7 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// Largest number of walls on a boundary that are hit. They are evenly spaced in B.
+/// Largest number of walls that are hit on a boundary. The walls are evenly spaced in B.
 const WALLS: usize = 24;
 
 #[derive(Clone, Debug)]
@@ -47,8 +47,8 @@ impl PassiveQuestion {
     }
 }
 
-/// Results of hits at the walls of a boundary, with one duration. Values are means over the walls, except the largest
-/// values.
+/// Results of hits at the walls of a boundary, with one duration. Values are means over the walls, except values that
+/// are called the largest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Length {
     /// Nominal cutoff, Hz; `None` without a cutoff.
@@ -75,7 +75,8 @@ pub struct Length {
     pub sag: f64,
 }
 
-/// Results of hits at the walls of a boundary. Values are means over the walls, except the largest values.
+/// Results of hits at the walls of a boundary. Values are means over the walls, except values that are called the
+/// largest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Hits {
     pub walls: usize,
@@ -105,8 +106,8 @@ pub struct PassiveRow {
     /// Whether the passivity controller is on.
     pub controller: bool,
     pub boundaries: Boundaries,
-    /// Hits in this loop. The first are at the boundary that was found without the controller. With the controller on,
-    /// the second are at the boundary that was found with it.
+    /// Hits in this loop. The first element is for the boundary that was found without the controller. With the
+    /// controller on, the second element is for the boundary that was found with the controller.
     pub hits: [Hits; 2],
 }
 
@@ -117,8 +118,8 @@ pub struct PassiveStudy {
     pub reserve_j: f64,
     /// Rows by limit and cutoff. Rows without the controller come first.
     pub rows: Vec<PassiveRow>,
-    /// Hits by limit, cutoff and duration. Hits without the controller come first. All are at the boundaries that were
-    /// found without the controller.
+    /// Hits by limit, cutoff and duration. Hits without the controller come first. All hits are at the boundaries that
+    /// were found without the controller.
     pub lengths: Vec<Length>,
 }
 
@@ -187,7 +188,7 @@ fn walls(boundaries: &Boundaries, velocity: VelocitySettings) -> Vec<WallHit> {
     first.points.iter().step_by(step).map(|wall| wall.hit(velocity)).collect()
 }
 
-/// Energy of a wall's force along the true motion. It begins at zero in each contact.
+/// Energy of a wall's force along the true motion. The energy begins at zero in each contact.
 struct MotionAccount {
     /// Largest delay from a count to its force, samples.
     until_it_acts: u64,

@@ -1,5 +1,5 @@
-//! Computes the energy at the port again from the outputs of a capture. Compares it with the energy in the capture's
-//! key frames.
+//! Computes the energy at the port again from the outputs of a capture. Compares this energy with the energy in the
+//! capture's key frames.
 
 use zwidth::{
     port::PortEnergy,
@@ -19,7 +19,7 @@ const SAMPLES_PER_MS: u64 = 10;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Account {
     port: Option<PortEnergy>,
-    /// Sample of the last output, and number of samples since the output before it.
+    /// Sample of the last output, and number of samples since the previous output.
     last: Option<(u64, u64)>,
     push: Force,
     /// Sample of the last change of the push.
@@ -69,8 +69,8 @@ impl Account {
         }
     }
 
-    /// Force of the wall from this output on, and whether the handle is in contact. `None` if the force is unknown. It
-    /// is unknown during the sign test and the ramp, and while a push rises.
+    /// Force of the wall from this output on, and whether the handle is in contact. `None` if the force is unknown. The
+    /// force is unknown during the sign test and the ramp, and while a push rises.
     fn wall(&self, record: &Record) -> Option<(i64, bool)> {
         let has = |flag| record.flags.contains(flag);
         if !has(Flags::ON) {

@@ -1,8 +1,9 @@
 //! Computes every sample of a capture again with the core, from the board's counts and key frames (keys).
 //!
-//! A key has the state of the sampler. From there to the next key, every velocity follows from the counts, and every
-//! force from the settings. The board's outputs, and the state in its next key, must be equal, bit for bit. If they
-//! differ, the first sample with a difference is reported. The samples after it, up to the next key, are not compared.
+//! A key has the state of the sampler. From one key to the next key, every velocity follows from the counts, and every
+//! force from the settings. The board's outputs, and the state in the board's next key, must be equal to these results,
+//! bit for bit. If outputs or state differ, the first sample with a difference is reported. Later samples, up to the
+//! next key, are not compared.
 
 use std::{
     collections::HashMap,
@@ -136,8 +137,8 @@ impl Recomputed {
         ends.collect()
     }
 
-    /// One row per sample, in integers of the control loop. The velocity is in 2^-16 counts per sample. It is empty if
-    /// it could not be computed. The force of the last output is in 2^-30 of full scale.
+    /// One row per sample, in integers of the control loop. The velocity is in 2^-16 counts per sample. The velocity is
+    /// empty if it could not be computed. The force of the last output is in 2^-30 of full scale.
     pub fn csv(&self) -> String {
         let mut text = String::from("sample,position_counts,velocity_q16,force_q30,output\n");
         for Row { sample, position, velocity, force, told } in &self.rows {
@@ -344,8 +345,8 @@ fn is(path: &Path, key: &Key) -> bool {
         && length.is_some_and(|length| memory.get(..length) == Some(key.memory()))
 }
 
-/// Computes the samples after the first one. The estimator changes at the index of `change`. The count is set to zero
-/// at the index of `zero`, in a sample with the given motion, counts.
+/// Computes the samples after the first sample. The estimator changes at the index of `change`. The count is set to
+/// zero at the index of `zero`, in a sample with the given motion, counts.
 fn follow(
     samples: &[Told],
     mut state: velocity::State,
@@ -377,8 +378,8 @@ fn follow(
 
 /// The path to a key after a change of the tuning or of the count's zero. A change normally acts from the sample after
 /// an output on. A later sample is used only if no other path ends in the key's state. The motion in the sample that
-/// sets the count to zero is unknown. It follows from the key's state. `None` if no path ends in this state. Also
-/// `None` if several later paths end in it with different velocities.
+/// sets the count to zero is unknown. This motion follows from the key's state. `None` if no path ends in this state.
+/// Also `None` if several paths from later samples end in this state with different velocities.
 fn followed(
     samples: &[Told],
     state: velocity::State,

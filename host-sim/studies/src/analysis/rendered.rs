@@ -3,20 +3,21 @@
 //!
 //! The loop of the scene (encoder, estimator in the core's integers, wall, output period, latency) runs with a
 //! prescribed motion of [`AMPLITUDE_COUNTS`]. The ratio of the Fourier coefficients of force and motion is the
-//! impedance. For a non-linear estimator this is its describing function at this amplitude. For a linear estimator it
-//! is the frequency response, except for the rounding of the counts. A prescribed motion needs no arm, because any hand
-//! feels the force that belongs to the motion. The arm only decides which walls are stable.
+//! impedance. For a non-linear estimator, this impedance comes from the describing function of the estimator at this
+//! amplitude. For a linear estimator, the impedance comes from the frequency response, except for the rounding of the
+//! counts. A prescribed motion needs no arm, because any hand feels the force that belongs to the motion. The arm only
+//! decides which walls are stable.
 //!
 //! **Magnitude.** [`Rendered`] stores the estimator's response at [`HZ`], 1 to 30 Hz: `V = a X + c F`. `a` is the
-//! velocity per motion. `c` is the velocity per force, for an estimator that gets the force. It is 0 except for
+//! velocity per motion. `c` is the velocity per force, for an estimator that gets the force. `c` is 0 except for
 //! observers. So one run gives every wall:
 //! ```text
 //! F = -(K X + B V) at the outputs  =>  V = (a - c K) / (1 + c B),   Z = (K + B V) sinc(w T/2) A(w),   T the output period
 //! ```
 //! where A is the amplifier. The error of a wall is the maximum of `| |Z| / |K + jwB| - 1 |` over these frequencies.
-//! Hold and latency change the phase, and are equal for all estimators. So the error comes from the estimator, except
-//! for less than 0.15 % from the hold at 1 kHz. If the estimator does not get the force, the error depends only on K /
-//! B. Then the walls with an error above a limit form a sector from the origin in the plane of K and B.
+//! Hold and latency change the phase, and are equal for all estimators. So the error comes from the estimator. With
+//! outputs at 1 kHz, the hold adds less than 0.15 %. If the estimator does not get the force, the error depends only on
+//! K / B. In this case, the walls with an error above a limit form a sector from the origin in the plane of K and B.
 
 use std::f64::consts::PI;
 
@@ -36,17 +37,17 @@ use crate::{
     },
 };
 
-/// Amplitude of the motion, counts. It is as small as in a contact, but has many counts.
+/// Amplitude of the motion, counts. This amplitude is as small as in a contact, but has many counts.
 pub const AMPLITUDE_COUNTS: f64 = 100.0;
-/// Length of the record, s. It has two periods of 1 Hz.
+/// Length of the record, s. The record has two periods of 1 Hz.
 const RECORD_S: f64 = 2.0;
 /// Time before the record, s.
 const SETTLE_S: f64 = 1.0;
 
 /// Approximate frequencies at which the magnitude is compared, Hz: the range of a hand's motion.
 pub const HZ: [f64; 12] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.5, 10.0, 13.0, 17.0, 23.0, 30.0];
-/// Stiffness of the run that measures an observer's response to the force, N/m. With such a high value, the LSB of the
-/// force has no effect.
+/// Stiffness of the run that measures an observer's response to the force, N/m. This value is so high that the LSB of
+/// the force has no effect.
 const PROBE_N_PER_M: f64 = 2000.0;
 
 /// The scene with an actuator that does not saturate at frequencies up to `highest_hz`.
@@ -94,8 +95,8 @@ pub(super) struct Sine<'a> {
 
 /// One output of the record.
 pub(super) struct Output {
-    /// Factor that gives the contribution of the force to the fundamental. A held force acts as if it came in the
-    /// middle of its hold.
+    /// Factor that gives the contribution of the force to the fundamental. A held force acts like a short push in the
+    /// middle of the hold.
     pub(super) acts: Complex<f64>,
     /// Depth behind the surface from the counts, m.
     pub(super) depth_m: f64,
@@ -108,8 +109,8 @@ pub(super) struct Output {
 }
 
 impl<'a> Sine<'a> {
-    /// A sine near this frequency. Its number of periods and its number of outputs have no common factor. So no pattern
-    /// of counts repeats.
+    /// A sine near this frequency. The number of its periods and the number of outputs have no common factor. So no
+    /// pattern of counts repeats.
     pub(super) fn new(scene: &'a Scene, wall: &'a WallHit, about_hz: f64) -> Self {
         let output_hz = scene.control.rate_hz / f64::from(scene.actuator.period);
         let periods = (RECORD_S * about_hz).round();
@@ -213,7 +214,8 @@ impl<'a> Sine<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Answer {
     omega_per_s: f64,
-    /// Ratio of the measured position to the motion. It is 1 except for rounding, error and noise of the encoder.
+    /// Ratio of the measured position to the motion. The ratio is 1 except for rounding, error and noise of the
+    /// encoder.
     position: Complex<f64>,
     /// Velocity per motion, 1/s.
     by_motion: Complex<f64>,
@@ -255,7 +257,7 @@ impl Rendered {
                     (velocity - by_motion) / force
                 }
             };
-            // The coefficients already contain the delay of hold and latency, so it is not added again.
+            // The coefficients already contain the delay of hold and latency, so this delay is not added again.
             let [hold, lag] = sine.held();
             let held = hold * lag;
             let omega_per_s = 2.0 * PI * sine.frequency_hz;
@@ -289,8 +291,8 @@ impl Answer {
 
 impl Sine<'_> {
     /// Coefficients of position, velocity and granted force, divided by the coefficient of the motion. An estimator
-    /// without a force input does not depend on the output period. So all samples are used instead of the outputs only.
-    /// This reduces the ripple of the counts.
+    /// without a force input does not depend on the output period. So for this estimator all samples are used, and not
+    /// only the outputs. This reduces the ripple of the counts.
     fn coefficients(&self, is_told: bool) -> Result<[Complex<f64>; 3], Error> {
         let (mut sums, mut count) = ([Complex::new(0.0, 0.0); 3], 0.0);
         self.run_at(!is_told, |output| {
@@ -335,8 +337,8 @@ mod tests {
 
     /// Error by quantisation at an amplitude of 100 counts.
     const ROUNDING: f64 = 1.5e-3;
-    /// Error by quantisation of a single wall from its outputs only, if most of its force comes from the damper. It is
-    /// larger for estimators that chatter.
+    /// Error by quantisation if a wall is measured alone and only at its outputs, and most of the wall's force comes
+    /// from the damper. This error is larger for estimators that chatter.
     const ROUNDING_OF_OUTPUTS: f64 = 0.015;
     const CHATTER: f64 = 0.1;
 

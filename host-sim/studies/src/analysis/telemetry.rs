@@ -64,7 +64,7 @@ impl Chunk {
 }
 
 impl Capture {
-    /// Decodes a capture. It may begin or end within a frame, and contain any bytes.
+    /// Decodes a capture. The capture may begin or end within a frame, and contain any bytes.
     pub fn decode(bytes: &[u8]) -> Self {
         Self::decode_until(bytes, &AtomicBool::new(false))
     }
@@ -99,13 +99,13 @@ impl Capture {
     }
 
     /// The records of the longest run without a reset of the board, in the order of their samples. If the black box was
-    /// read, some records were received twice. Each of them appears once.
+    /// read, some records were received twice. In the result, each record appears once.
     pub fn longest_run(&self) -> Vec<Record> {
         let live = |frame: &&Frame| !frame.record.flags.contains(Flags::REPLAY);
         let mut runs = vec![Vec::new()];
         let mut last = 0;
         for frame in &self.frames {
-            // A record from the black box belongs to the run in which it was read.
+            // A record from the black box belongs to the run in which the black box was read.
             if live(&frame) {
                 if frame.record.sample < last {
                     runs.push(Vec::new());

@@ -1,8 +1,9 @@
 //! Finds walls that a walk may need later, so that a free lane can run them.
 //!
 //! A walk continues from verdict to verdict. A future verdict is guessed from the boundary so far, and from the
-//! boundary of a neighbour, which has another start or another tuning. The wall that is most likely needed is run. A
-//! wrong guess costs a hit in a lane that would be idle. It changes no boundary and no number of hits.
+//! boundary of a neighbour. A neighbour is a walk with another start or another tuning. The wall that is most likely
+//! needed is run. A wrong guess only uses a lane that would be idle. The guess changes no boundary and no number of
+//! hits.
 
 use std::{
     cmp::Reverse,
@@ -26,8 +27,8 @@ const LOOKED_AT_MAX: usize = 400;
 pub struct Guide(Vec<i32>);
 
 impl Guide {
-    /// Adds the last point of a boundary, if it is new. `last` is the K of this point and the number of points. The
-    /// points are in the order of B.
+    /// Adds the last point of a boundary, if this point is new. `last` is the K of this point and the number of points.
+    /// The points are in the order of B.
     pub fn follow(&mut self, last: Option<(i32, usize)>) {
         if let Some((stiffness, _)) = last.filter(|(_, points)| *points > self.0.len()) {
             self.0.push(stiffness);
@@ -38,7 +39,8 @@ impl Guide {
         self.0.get(usize::try_from(damping).ok()?).map(|k| f64::from(*k))
     }
 
-    /// A guess of K at a B beyond the boundary so far. It follows the trend of a neighbour or the boundary's own trend.
+    /// A guess of K at a B beyond the boundary so far. The guess follows the trend of a neighbour or the boundary's own
+    /// trend.
     fn guess(&self, neighbour: &Self, damping: i32) -> Option<f64> {
         let last = i32::try_from(self.0.len()).ok()?.checked_sub(1)?;
         let here = self.at(last)?;
@@ -82,8 +84,8 @@ pub fn place(cell: Cell) -> (i32, i32) {
 
 /// The walk and the cell that are most likely needed. The cell has no verdict and does not run in a lane.
 pub fn likeliest(running: &BTreeMap<usize, Running>) -> Option<(usize, Cell)> {
-    // Possible continuations of the walks, the most likely first. If two are equally likely, the continuation of the
-    // first walk comes first. A probability is not negative, so its bits have the same order.
+    // Possible continuations of the walks, the most likely first. If two continuations are equally likely, the
+    // continuation of the first walk comes first. A probability is not negative, so its bits have the same order.
     let mut walks: Vec<Walk> = running.values().map(|of| of.progress.walk()).collect();
     let start = |(place, of)| (1f64.to_bits(), Reverse(of), Reverse(place));
     let mut heap: BinaryHeap<_> = running.keys().copied().enumerate().map(start).collect();

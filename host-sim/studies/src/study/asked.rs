@@ -40,11 +40,11 @@ pub fn prepare(scene: &NamedScene) -> Result<PreparedScene, Error> {
     Ok(prepared)
 }
 
-/// The scene's filter at the requested cutoff. Without a request, at the cutoff of `[velocity]`. Without this cutoff,
-/// at the only cutoff of `[sweep]`.
+/// The scene's filter at the requested cutoff. If no cutoff is requested, the cutoff of `[velocity]` is used. If
+/// `[velocity]` has no cutoff, the only cutoff of `[sweep]` is used.
 ///
 /// # Errors
-/// There is no such cutoff, or the estimator has no cutoff.
+/// None of these cutoffs exists, or the estimator has no cutoff.
 pub fn filter(scene: &NamedScene, asked_hz: Option<f64>) -> Result<VelocitySettings, Error> {
     let velocity = &scene.scene.velocity;
     if asked_hz.is_some() && !velocity.has_cutoff() {

@@ -151,7 +151,8 @@ pub fn with_first_estimator(named: &NamedScene) -> Result<NamedScene, Error> {
     Ok(named)
 }
 
-/// Sets the estimator of the scene. It has the scene's own settings, or the defaults of another estimator.
+/// Sets the estimator of the scene. If the scene already has this estimator, the scene's settings do not change.
+/// Otherwise the estimator has its defaults.
 fn take(scene: &mut Scene, estimator: EstimatorName) {
     if scene.velocity.estimator() != estimator {
         scene.velocity = VelocityTable::from(estimator.defaults()).with_cutoff(None);
@@ -164,8 +165,8 @@ pub fn says_first(scene: &Scene) -> bool {
     scene.board.as_ref().is_some_and(said) || scene.velocity.cutoff_hz().is_some()
 }
 
-/// The initial settings. They have the design or the cutoff of the scene. Without both, they have the recommended
-/// cutoff. Without a recommendation, they have the middle of the scene's list.
+/// The initial settings. These settings have the design or the cutoff of the scene. If the scene has neither, the
+/// recommended cutoff is used. If no cutoff is recommended, the middle cutoff of the scene's list is used.
 ///
 /// # Errors
 /// [`Error::Input`]: the scene names no estimator of the board.

@@ -1,4 +1,4 @@
-//! The boundary of the stable walls at one cutoff. The core's walk finds it hit by hit.
+//! The boundary of the stable walls at one cutoff. The core's walk finds this boundary hit by hit.
 
 use std::borrow::Cow;
 
@@ -124,7 +124,7 @@ impl Boundaries {
         self.iter().map(Boundary::damping_max_n_s_per_m).collect()
     }
 
-    /// K of each boundary at the B of the grid nearest to this B, N/m; 0 if a boundary ends before.
+    /// K of each boundary at the B of the grid nearest to this B, N/m; 0 if a boundary ends before this B.
     pub fn stiffnesses_at(&self, damping_n_s_per_m: f64) -> Vec<f64> {
         let of = |boundary: &Boundary| {
             let distance = |b: f64| (b - damping_n_s_per_m).abs();

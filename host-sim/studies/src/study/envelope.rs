@@ -1,12 +1,12 @@
 //! The walls that the firmware may render without unlocking.
 //!
 //! The boundary walk records the largest stable K at each B, as the paper does. Some walls below this K are not stable.
-//! At large B, a soft wall may chatter although a stiffer wall is stable. The walk comes from above and does not find
-//! the soft wall. So the envelope has an interval of K at each B. It is the longest interval in which every hit is
-//! stable, up to the smallest boundary of all repeats.
+//! At large B, a soft wall may chatter although a stiffer wall is stable. The walk follows the largest stable K, so it
+//! does not find the soft wall. So the envelope has an interval of K at each B. This interval is the longest one in
+//! which every hit is stable, up to the smallest boundary of all repeats.
 //!
-//! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which limits the number of hits.
-//! Between two B, the firmware allows a K if both B allow it.
+//! To limit the number of hits, hits are only made on every [`STRIDE`]-th line of the walk's grid, in both directions.
+//! Between two B, the firmware allows a K if the intervals of both B contain this K.
 
 use std::fmt::Write as _;
 
@@ -29,8 +29,8 @@ use crate::{
 /// Number of grid steps of the walk between two lines with hits.
 pub const STRIDE: i32 = 5;
 
-/// The stable interval of K at one B. It begins at K = 0 if the softest wall of the grid is stable. If no hit was
-/// stable, its highest K is 0.
+/// The stable interval of K at one B. The interval begins at K = 0 if the softest wall of the grid is stable. If no hit
+/// was stable, the highest K of the interval is 0.
 pub use zwidth::safety::envelope::Point as Interval;
 
 /// The envelope at one cutoff.

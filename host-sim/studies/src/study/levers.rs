@@ -49,7 +49,7 @@ const SIZES: i32 = 13;
 /// A device in a loop.
 #[derive(Clone, Debug)]
 pub struct Lever {
-    /// Name of the loop, which is the name of the scene or of a board.
+    /// Name of the loop: the name of the scene or of a board.
     pub of_loop: String,
     /// Added elements between the output and the handle.
     pub between: Between,
@@ -143,14 +143,16 @@ impl LeverResult {
     }
 }
 
-/// The loops of a scene. The scene's own loop is the first. A board's loop that is equal to it is left out.
+/// The loops of a scene. The scene's own loop is the first. A board's loop that is equal to the scene's own loop is
+/// left out.
 ///
 /// # Errors
 /// The scene is not allowed with a board's output.
 pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
     let mut loops = vec![(scene.name.clone(), scene.scene.clone())];
     for (place, (name, of_board)) in boards(&scene.scene)?.into_iter().enumerate() {
-        // The second board's loop is almost the same as the first's. So only its longest and shortest period are used.
+        // The second board's loop is almost the same as the first board's loop. So only the longest and the shortest
+        // period of the second board are used.
         for period in PERIODS.into_iter().filter(|period| place == 0 || [1, 10].contains(period)) {
             let mut own = of_board.clone();
             own.actuator.period = period;
@@ -170,7 +172,7 @@ pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
                 changed.mode = Some(transmission(changed.device.mass_kg));
             }
             let is_there = levers.iter().any(|lever: &Lever| lever.scene == changed);
-            // If the scene does not allow the added elements in addition to its own, this version is left out.
+            // If the scene does not allow the added elements beside its own elements, this version is left out.
             if !is_there && changed.check().is_ok() {
                 levers.push(Lever { of_loop: of_loop.clone(), between, scene: changed });
             }
@@ -394,7 +396,7 @@ mod tests {
         }
         let hz: Vec<f64> = found[0].cutoffs.iter().map(|(hz, _)| *hz).collect();
         assert_eq!(hz, [300.0, 1000.0]);
-        // A shorter latency gives more area, and a smaller limit gives less.
+        // A shorter latency gives more area, and a smaller limit gives less area.
         let area = |n: usize| found[n].area();
         assert!(area(1) > 10.0 * area(0) && area(2) < area(0) && area(3) < area(1));
         // Both engines give the same bits.

@@ -1,5 +1,5 @@
-//! The limit as an axis: areas and ideal cutoffs for several limits of the RMS and of the sensation level. They are
-//! computed for each push and hand, and also with the true velocity.
+//! The limit as an axis: areas and ideal cutoffs for several limits of the RMS and of the sensation level. Areas and
+//! cutoffs are computed for each push and hand, and also with the true velocity.
 //!
 //! All walks of a scene at one cutoff and start share their hits, because the result of a hit serves every limit. A hit
 //! ends early if it is certainly beyond the largest limit.
@@ -40,7 +40,7 @@ pub enum Limit {
 }
 
 impl Limit {
-    /// Whether both limits are of one kind. Then hits for the larger limit also serve the smaller limit.
+    /// Whether both limits are of the same kind. If so, hits for the larger limit also serve the smaller limit.
     fn is_like(self, other: Self) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
     }
@@ -136,7 +136,7 @@ struct Known {
     no_contact: bool,
     rms_m: Option<f64>,
     level_db: Option<f64>,
-    /// Verdict for a quiet wall. There is only one limit of this kind.
+    /// Verdict for a quiet wall. A question has at most one limit for quiet walls.
     quiet: Option<Verdict>,
 }
 
@@ -360,8 +360,8 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Walks<'_, D> {
         shared.lock().unwrap_or_else(PoisonError::into_inner).get(&place).copied()
     }
 
-    /// Stores the result of a hit. A hit without measurements ended early. It is beyond the largest RMS, and its
-    /// sensation level is unknown. A hit with an error is beyond all limits.
+    /// Stores the result of a hit. A hit without measurements ended early. The RMS of this hit is beyond the largest
+    /// limit, and its sensation level is unknown. A hit with an error is beyond all limits.
     fn learn(&self, job: &Job, place: (i32, i32), outcome: &Result<Outcome, HitError>) {
         let beyond = Known {
             no_contact: false,

@@ -9,7 +9,7 @@ use crate::{
     scene::{Scene, Walk},
 };
 
-/// Divisor of the scene's step of K for the default grid. The divisor of the step of B is half of it.
+/// Divisor of the scene's step of K for the default grid. The divisor for the step of B is half of this number.
 const FINER: f64 = 4.0;
 
 /// A limit as given by the user.
@@ -19,7 +19,7 @@ pub enum LimitAsked {
     Rms(f64),
     /// The scene's limits of the sensation level.
     Felt,
-    /// A limit of the sensation level, dB. It shifts the threshold curve by this value.
+    /// A limit of the sensation level, dB. The threshold curve is shifted by this value.
     FeltAt(f64),
     /// A quiet wall, with the scene's limit of the force.
     Quiet,

@@ -5,7 +5,7 @@ use crate::scene::ranges::VALUES_MAX;
 #[derive(Clone, Debug, PartialEq)]
 pub struct List(pub Vec<f64>);
 
-/// Reads `A,B,C` or `FROM:STEP:TO`. TO is included if a step reaches it.
+/// Reads `A,B,C` or `FROM:STEP:TO`. TO is included if a step reaches TO.
 ///
 /// # Errors
 /// The error, and what is allowed.
@@ -54,7 +54,7 @@ fn range(from: f64, step: f64, to: f64, places: Option<i32>) -> Result<List, Str
         return Err(format!("the list has {} values, allowed {VALUES_MAX}", steps + 1.0));
     }
     let indices = std::iter::successors(Some(0.0), |n| Some(n + 1.0));
-    // In units of the last typed digit, the sum is exact. The division then gives the number that was typed.
+    // In units of the last typed digit, the sum is exact. Division by the unit gives exactly the number that was typed.
     let unit = places.map(|places| 10f64.powi(places));
     let exact = |value: f64| value.abs() < 2f64.powi(53);
     let value = |n: f64| match unit.map(|unit| ((from * unit).round(), (step * unit).round(), unit))

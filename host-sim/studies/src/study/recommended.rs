@@ -1,8 +1,9 @@
 //! Recommends the cutoff with the largest area of [quiet](Criterion::Quiet) walls.
 //!
 //! First a list of cutoffs is walked. Then cutoffs between the best cutoff and its neighbours are walked, until the
-//! neighbours are within 10 %. If the best cutoff is at an end of the list, the list is extended. The first grid is the
-//! scene's. If its steps are too coarse or too fine for the quiet walls, the first walks give a new grid.
+//! neighbours are within 10 %. If the best cutoff is at an end of the list, the list is extended. The first walks use
+//! the scene's grid. If the steps of this grid are too coarse or too fine for the quiet walls, the first walks give a
+//! new grid.
 
 use rayon::prelude::*;
 use zwidth::{VelocitySettings, experiment::Verdict, velocity::EstimatorName};
@@ -23,7 +24,7 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// An area is equally good if it is at least this share of the largest area.
+/// Areas count as equally good from this share of the largest area on.
 pub const AS_GOOD: f64 = 0.97;
 /// Largest ratio of the best cutoff to its neighbours.
 const NEAR: f64 = 1.1;
@@ -39,12 +40,13 @@ const GRIDS: usize = 8;
 const AIM: [f64; 2] = [48.0, 32.0];
 /// Largest refinement of the next grid. A boundary with few steps gives little information about its size.
 const FINER: f64 = 8.0;
-/// If a grid has no stable wall, single walls with this number of K and of B are tried. The first is the largest
-/// possible.
+/// If a grid has no stable wall, single walls are tried, at this number of values of K and of B. The first values are
+/// the largest that the walk allows.
 const TRIED: [u32; 2] = [17, 13];
-/// Ratio of each K or B of these walls to the value before.
+/// Ratio of each of these values to the value before.
 const APART: f64 = 0.562;
-/// If a neighbour of the best cutoff has less than this share of the best area, its walk has ended too early.
+/// If a neighbour of the best cutoff has less than this share of the best area, the walk of this neighbour has ended
+/// too early.
 const BROKEN: f64 = 0.5;
 /// If a walk has ended too early, the grid may begin at another wall this number of times.
 const SEEDS: usize = 3;
@@ -55,13 +57,13 @@ const PROMISING: f64 = 0.3;
 #[derive(Clone, Debug)]
 pub struct QuietStudy {
     pub walk: Walk,
-    /// The cutoffs in ascending order. Each has one walk for all pushes.
+    /// The cutoffs in ascending order. Each cutoff has one walk for all pushes.
     pub cutoffs: Vec<CutoffResult>,
     /// The recommended cutoff, or the reason why no cutoff is recommended.
     pub recommended: Result<Recommended, String>,
     /// Free motion with the stiffest wall of the recommended cutoff.
     pub free: Option<FreeMotion>,
-    /// The stiffest quiet wall by each protocol other than the scene's.
+    /// The stiffest quiet wall by each protocol other than the scene's own protocol.
     pub protocols: Vec<Held>,
 }
 
@@ -70,7 +72,7 @@ pub struct QuietStudy {
 pub struct Held {
     pub protocol: Protocol,
     /// K of the stiffest quiet wall with the B of the given wall, N/m. Softer and softer walls are tried until one wall
-    /// is quiet. `Ok(None)` if no wall is quiet. The reason if no wall can be tried.
+    /// is quiet. `Ok(None)` if no wall is quiet. `Err` with the reason if no wall can be tried.
     pub stiffest: Result<Option<f64>, String>,
 }
 
@@ -86,7 +88,7 @@ const SOFTER: f64 = 0.9;
 const SOFTER_TRIES: i32 = 30;
 
 impl Held {
-    /// Tries the wall with every protocol except the scene's own.
+    /// Tries the wall with every protocol except the scene's own protocol.
     fn each(how: How<'_>, scene: &Scene, wall: &WallHit) -> Result<Vec<Self>, Error> {
         let others = Protocol::ALL.into_par_iter().filter(|of| *of != scene.wall_hit.protocol);
         let held = |protocol| {
@@ -125,7 +127,7 @@ impl QuietStudy {
 pub struct Recommended {
     /// Nominal cutoff of the filter, Hz.
     pub cutoff_hz: f64,
-    /// Lowest and highest neighbouring cutoff with at least [`AS_GOOD`] of its area, Hz.
+    /// Lowest and highest neighbouring cutoff with at least [`AS_GOOD`] of the area at this cutoff, Hz.
     pub range_hz: [f64; 2],
     /// Whether the range reaches the first or the last tried cutoff.
     pub is_open: [bool; 2],
@@ -207,12 +209,13 @@ pub fn recommended(
 #[derive(Clone, Debug)]
 pub struct Ranked {
     pub scene: NamedScene,
-    /// The scene with its own criterion and grid, for comparison. `None` if they are the same.
+    /// The unchanged scene, for comparison. Only for a ranking by [`Quiet`](Criterion::Quiet), if the scene has another
+    /// criterion.
     pub beside: Option<Scene>,
 }
 
 /// The scene for a ranking by a criterion. For [`Quiet`](Criterion::Quiet) the grid suits the quiet walls of finite
-/// difference and Butterworth at the cutoffs of `[sweep]`. For other criteria the grid is the scene's.
+/// difference and Butterworth at the cutoffs of `[sweep]`. For other criteria the scene's own grid is used.
 ///
 /// # Errors
 /// There is no quiet wall, the scene does not allow the criterion, or `stop` was set.
@@ -341,8 +344,9 @@ impl<D: Fn() + Sync> Search<'_, D> {
         self.walk(cutoffs_hz)
     }
 
-    /// Whether a cutoff near the best cutoff has much less area. The area changes little if the frequency changes by a
-    /// quarter. So the walk of this cutoff has ended too early, at a soft wall that does not come to rest in time.
+    /// Whether a cutoff near the best cutoff has much less area. A change of the cutoff by a quarter normally changes
+    /// the area little. So the walk of the cutoff with the small area has ended too early, at a soft wall at which the
+    /// handle does not come to rest in time.
     fn breaks_off(&self) -> bool {
         let Some(best) = self.best().map(|best| &self.cutoffs[best]) else { return false };
         self.cutoffs.iter().any(|other| {
@@ -352,7 +356,8 @@ impl<D: Fn() + Sync> Search<'_, D> {
         })
     }
 
-    /// Sets a grid that begins at a wall of [`Self::first_walls`]. Returns whether there is such a wall.
+    /// Sets a grid that begins at a wall of [`Self::first_walls`]. Returns whether [`Self::first_walls`] has found a
+    /// wall.
     fn seed(&mut self, cutoffs_hz: &[f64]) -> Result<bool, Error> {
         let Some(walk) = self.first_walls(cutoffs_hz)? else { return Ok(false) };
         self.scene.scene.walk = walk;
@@ -409,7 +414,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
             .filter(|at| area(at) > 0.0)
     }
 
-    /// Further cutoffs near the best one, between it and its neighbours or beyond the list.
+    /// Further cutoffs near the best cutoff, between this cutoff and its neighbours or beyond the list.
     fn more(&self, goes_on: bool) -> Vec<f64> {
         let Some(best) = self.best() else { return vec![] };
         let hz = |place: usize| self.cutoffs.get(place).map(|result| result.cutoff_hz);

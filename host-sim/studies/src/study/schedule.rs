@@ -14,12 +14,12 @@ pub enum Length {
     Short,
     /// Several parameters or estimators, in lanes.
     Long,
-    /// Any estimator without lanes. Its hits run one by one.
+    /// Any estimator without lanes. Hits of this estimator run one by one.
     Longest,
 }
 
-/// Makes a result for each of `lengths` on all threads of the current pool. The longest begin first. The results have
-/// the order of `lengths`.
+/// Makes a result for each of `lengths` on all threads of the current pool. The longest pieces of work begin first. The
+/// results have the order of `lengths`.
 pub fn longest_first<T: Send>(lengths: &[Length], make: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let mut order: Vec<usize> = (0..lengths.len()).collect();
     order.sort_by_key(|n| Reverse(lengths[*n]));

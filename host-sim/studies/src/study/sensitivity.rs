@@ -1,8 +1,8 @@
 //! Sensitivity of the ideal cutoff to the assumptions of a study.
 //!
-//! The ideal cutoff does not depend on the device alone. It also depends on five assumptions: the RMS limit, whether
-//! the wall may pull, the latency, the output rate, and the impact speed. Each variant changes one assumption. Each
-//! variant is walked with a push by motor and with a push by hand.
+//! The ideal cutoff does not depend on the device alone. The ideal cutoff also depends on five assumptions: the RMS
+//! limit, whether the wall may pull, the latency, the output rate, and the impact speed. Each variant changes one
+//! assumption. Each variant is walked with a push by motor and with a push by hand.
 
 use crate::{
     error::Error,

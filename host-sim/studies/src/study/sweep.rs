@@ -1,5 +1,5 @@
-//! The sweep over cutoffs. It gives boundaries with repeats, areas with their spread, and the ideal cutoff. The range
-//! of the ideal cutoff has the cutoffs that the repeats cannot distinguish from it.
+//! The sweep over cutoffs. The sweep gives boundaries with repeats, areas with their spread, and the ideal cutoff. The
+//! range of the ideal cutoff consists of the cutoffs that the repeats cannot distinguish from the ideal cutoff.
 //!
 //! Near the boundary a hit is chaotic. If the start differs by a fraction of a count, the area of a walk changes by 0.2
 //! to 2 %. So every walk is repeated from starts spread over one count. The result is the mean, with the smallest and
@@ -33,8 +33,8 @@ pub struct CutoffResult {
     pub true_cutoff_hz: f64,
     /// One boundary per repeat. The first is from the scene's own start.
     pub boundaries: Boundaries,
-    /// Settle time after which the first point is stable, s. Only computed if no walk has a stable first point. `None`
-    /// if no settle time helps.
+    /// Settle time after which the first point is stable, s. This time is only computed if no walk has a stable first
+    /// point. `None` if no settle time helps.
     pub settles_in_s: Option<f64>,
 }
 
@@ -48,9 +48,9 @@ pub struct SweepResult {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ideal {
-    /// The smallest cutoff whose mean area is at least 98 % of the largest, Hz.
+    /// The smallest cutoff whose mean area is at least 98 % of the largest mean area, Hz.
     pub cutoff_hz: f64,
-    /// Lowest and highest cutoff that the repeats cannot distinguish from an equally good cutoff, Hz.
+    /// Lowest and highest cutoff for which the repeats do not show an area below 98 % of the largest area, Hz.
     pub range_hz: [f64; 2],
     /// Test that gave the range.
     pub basis: RangeBasis,
@@ -59,10 +59,10 @@ pub struct Ideal {
 /// Test that gives the range of the ideal cutoff.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RangeBasis {
-    /// Welch's t-test (one-sided at [`LEVEL`]) does not show that the mean area is below 98 % of the largest. With more
-    /// repeats the range becomes narrower, until it contains only equally good cutoffs.
+    /// Welch's t-test (one-sided at [`LEVEL`]) does not show that the mean area is below 98 % of the largest mean area.
+    /// With more repeats the range becomes narrower, until all its cutoffs have at least 98 % of the largest area.
     Repeats,
-    /// Without repeats, the area itself is at least 98 % of the largest.
+    /// Without repeats, the area itself is at least 98 % of the largest area.
     WithinTwoPercent,
 }
 
@@ -75,7 +75,7 @@ impl RangeBasis {
     }
 }
 
-/// If the ratio of neighbouring cutoffs is above this value, they are too far apart.
+/// If the ratio of neighbouring cutoffs is above this value, the cutoffs are too far apart.
 const COARSE: f64 = 1.3;
 
 /// The walks of a study.
@@ -144,8 +144,8 @@ pub fn ascending(cutoffs_hz: &[f64]) -> Vec<f64> {
     sorted
 }
 
-/// The scene's filters at these cutoffs, ascending and without repetition. If the filter has no cutoff, only this
-/// filter.
+/// The scene's filters at these cutoffs, ascending and without repetition. If the filter has no cutoff, the list has
+/// only this filter.
 pub fn filters(velocity: &VelocityTable, cutoffs_hz: &[f64]) -> Vec<VelocitySettings> {
     match velocity.has_cutoff() {
         true => ascending(cutoffs_hz).into_iter().map(|hz| velocity.at(hz)).collect(),
@@ -188,7 +188,7 @@ impl SweepResult {
         Self { cutoffs, ideal }
     }
 
-    /// Whether the ideal range reaches the first or the last cutoff. Then it may continue beyond.
+    /// Whether the ideal range reaches the first or the last cutoff. If so, the range may continue beyond this cutoff.
     pub fn ends_at_edge(&self) -> bool {
         let (Some(ideal), Some(first), Some(last)) =
             (self.ideal, self.cutoffs.first(), self.cutoffs.last())
@@ -217,7 +217,7 @@ impl SweepResult {
         })
     }
 
-    /// A note if the cutoffs next to the ideal range are far from it.
+    /// A note if the cutoffs next to the ideal range are far from this range.
     fn coarse_range(&self) -> Option<String> {
         let [low, high] = self.ideal?.range_hz;
         let cutoffs = self.cutoffs.iter().map(|result| result.cutoff_hz);
@@ -360,7 +360,7 @@ mod tests {
         assert_eq!((widths[0], widths[6]), (1000.0, 300.0));
     }
 
-    /// A sweep's files come from this result, so it must not depend on engine, backend or threads.
+    /// A sweep's files come from this result, so the result must not depend on engine, backend or threads.
     #[test]
     fn a_sweep_is_the_same_on_every_backend_and_any_number_of_threads() {
         let available = Backend::ALL.into_iter().filter(|backend| backend.is_available());

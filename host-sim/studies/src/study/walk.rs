@@ -62,7 +62,7 @@ pub fn first_hit(prepared: &PreparedScene, velocity: VelocitySettings) -> WallHi
     Progress::new(prepared, velocity, 0.0).hit()
 }
 
-/// A longer settle time, s, with which an unstable wall becomes stable, because the handle needs more time to come to
+/// A longer settle time, s, with which an unstable wall counts as stable, because the handle has more time to come to
 /// rest. `None` if more time does not help.
 pub fn settles_in_s(prepared: &PreparedScene, numeric: Numeric, hit: &WallHit) -> Option<f64> {
     let mut scene = prepared.scene().clone();

@@ -1,5 +1,5 @@
-//! Many walks in the lanes of one thread. A lane runs the next hit of a waiting walk. If no walk waits, it begins
-//! another walk. If all walks have begun, it runs a hit that a walk may need later ([`super::ahead`]).
+//! Many walks in the lanes of one thread. A lane runs the next hit of a waiting walk. If no walk waits, the lane begins
+//! another walk. If all walks have begun, the lane runs a hit that a walk may need later ([`super::ahead`]).
 
 use std::{
     collections::BTreeMap,
@@ -28,7 +28,7 @@ pub struct Start {
     pub start_offset_counts: f64,
 }
 
-/// Walks of one scene that wait for a lane. All threads share them.
+/// Walks of one scene that wait for a lane. All threads share this queue.
 pub struct Queue<'a> {
     pub prepared: &'a PreparedScene,
     pub starts: &'a [Start],
@@ -41,16 +41,16 @@ impl<'a> Queue<'a> {
         Self { prepared, starts, begun: AtomicUsize::new(0) }
     }
 
-    /// The next walk, from the end of the queue. The last walk has the highest cutoff and takes longest. A long walk
-    /// that begins late would leave lanes empty.
+    /// The next walk, from the end of the queue. The last walk has the highest cutoff and takes longest. If this long
+    /// walk began late, lanes would be empty at the end.
     fn next(&self) -> Option<usize> {
         let begun = self.begun.fetch_add(1, Ordering::Relaxed);
         self.starts.len().checked_sub(begun + 1)
     }
 }
 
-/// Makes walks of the queue in the lanes of this thread until none is left or `stop` is set. Calls `done` with the
-/// index in the queue and the result.
+/// Makes walks of the queue in the lanes of this thread until the queue is empty or `stop` is set. Calls `done` with
+/// the index in the queue and the result.
 pub fn walks(
     engine: Engine,
     numeric: Numeric,
@@ -63,12 +63,12 @@ pub fn walks(
     run(engine, queue.prepared, numeric, Depth::Verdict, &mut work);
 }
 
-/// Results, each with two indices: of its queue, and of its walk in the queue.
+/// Results. Each result has two indices: the index of the queue, and the index of the walk in this queue.
 pub(super) type Made = Vec<((usize, usize), Result<Boundary, Error>)>;
 
 /// Calls `work` for all queues on each thread of the current pool. Each thread begins with another queue, so that fewer
 /// threads share the end of a queue. Every walk runs to its end or until `stop` is set. So the reported error is the
-/// first in order, and not the first in time.
+/// error of the first walk in order, even if another error came earlier.
 pub(super) fn on_all_threads(
     queues: usize,
     work: impl Fn(usize, &mut Made) + Sync,

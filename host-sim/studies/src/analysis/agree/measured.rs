@@ -85,7 +85,7 @@ impl Measured {
     }
 }
 
-/// Index of this B in the scene's walk; `None` if the walk does not have this B.
+/// Index of a B in the scene's walk; `None` if the walk does not have this B.
 pub(super) fn row_of(scene: &crate::scene::Scene, damping_n_s_per_m: f64) -> Option<usize> {
     let plan = scene.walk_plan();
     let steps = (damping_n_s_per_m - plan.damping_start_n_s_per_m) / plan.damping_step_n_s_per_m;

@@ -2,18 +2,18 @@
 //! explains the difference best?
 //!
 //! **Distance** of two walks, N/m: `sqrt(sum over B of max(0, |K - K'| - step)^2 / n)`, where n is the number of
-//! measured B. One step of K is subtracted, because a walk does not resolve less. If only one of the walks reaches a B,
-//! the other walk has K = 0 at this B.
+//! measured B. One step of K is subtracted, because a walk does not resolve smaller differences. If only one of the
+//! walks reaches a B, the other walk has K = 0 at this B.
 //!
 //! **Do they agree?** The scene is walked from nineteen starts over one count. For each of these walks, the distance
-//! from the mean of the other eighteen is computed. The walks disagree if the measured walk has a larger distance than
-//! all nineteen. If twenty walks differ only by their start, the measured walk has the largest distance with a
-//! probability of one in twenty. So 5 % of agreeing walks are reported as different.
+//! from the mean of the other eighteen is computed. The measured walk disagrees with the scene if its distance from the
+//! mean is larger than all these nineteen distances. If twenty walks differ only by their start, the measured walk has
+//! the largest distance with a probability of one in twenty. So 5 % of agreeing walks are reported as different.
 //!
-//! **Which number?** Each [`Suspect`] is changed alone. First it gets values around the scene's value, then values
-//! between the best three. Last, the search refines the range of values that explain as much as the best value. Each
-//! value takes four walks. A value explains the difference if the remaining distance is at most the largest distance
-//! among the scene's own walks. Several suspects may explain the difference.
+//! **Which number?** Each [`Suspect`] is changed alone. The search first tries values around the scene's value, then
+//! values between the best three values. At the end it refines the range of values that explain as much as the best
+//! value. Each value needs four walks. A value explains the difference if the remaining distance is at most the largest
+//! of the nineteen distances of the scene's own walks. Several suspects may explain the difference.
 
 mod measured;
 mod suspects;
@@ -63,8 +63,8 @@ pub struct Tried {
     pub suspect: Suspect,
     /// The middle value of the tried values in the range.
     pub value: f64,
-    /// Smallest and largest tried value that explain the difference equally well. Their remaining distance is the
-    /// minimum, or within the scatter.
+    /// Smallest and largest tried value that explain the difference as well as the best value. With these values, the
+    /// remaining distance is the minimum, or within the scatter.
     pub range: [f64; 2],
     /// Whether the range ends at the first or the last tried value.
     pub at_edge: bool,
@@ -98,8 +98,8 @@ impl Agreement {
         tried.left <= self.scatter
     }
 
-    /// The suspects that explain the whole difference. If no suspect explains it, the best suspect that explains a
-    /// part.
+    /// The suspects that explain the whole difference. If no suspect explains the whole, the suspect that explains the
+    /// largest part.
     pub fn best(&self) -> Vec<&Tried> {
         let all: Vec<&Tried> = self.tried.iter().filter(|tried| self.explains(tried)).collect();
         match self.tried.first() {
@@ -176,7 +176,7 @@ fn distance(one: &[f64], other: &[f64], step: f64, measured: usize) -> f64 {
     (squares.sum::<f64>() / measured as f64).sqrt()
 }
 
-/// Largest number of walks that a comparison can take.
+/// Largest number of walks that a comparison can need.
 pub fn most_walks(scene: &Scene) -> u64 {
     let values = |suspect: Suspect| suspect.values.len() + 4 * HALVINGS;
     let values: usize = suspects(scene).into_iter().map(values).sum();
@@ -349,8 +349,8 @@ fn search(
     }))
 }
 
-/// First and last index of the neighbouring values that explain as much as the best value. Their remaining distance is
-/// not larger, or is within the scatter.
+/// First and last index of the neighbouring values that explain as much as the best value. With these values, the
+/// remaining distance is the minimum, or within the scatter.
 fn explaining(tried: &[Value], best: usize, scatter: f64) -> [usize; 2] {
     let least = tried[best].left.max(scatter);
     let good = |place: &usize| tried[*place].left <= least;

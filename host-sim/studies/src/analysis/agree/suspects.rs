@@ -1,4 +1,4 @@
-//! Numbers of a scene that may be wrong. Each number is changed alone. It has a list of first values.
+//! Numbers of a scene that may be wrong. Each number is changed alone, first to the values of a list.
 
 use crate::{
     numerics::integrator::Integrator,
@@ -13,13 +13,13 @@ use crate::{
 pub struct Suspect {
     /// Name in reports.
     pub name: &'static str,
-    /// Key of a linear scene that holds the number.
+    /// Key of the number in a linear scene.
     pub key: &'static str,
     /// Unit of the values at the handle.
     pub unit: &'static str,
     /// The scene's value; `None` if the scene does not have the element.
     pub own: Option<f64>,
-    /// First values, ascending; all are above 0.
+    /// Values that are tried first, ascending; all are above 0.
     pub values: Vec<f64>,
     edit: fn(&mut Scene, f64),
 }
@@ -34,13 +34,15 @@ const DRY: [f64; 6] = [0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
 const NOISE: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
 /// Added latencies, in output periods.
 const LATER: [f64; 8] = [0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5];
-/// Seed of the noise, if the scene has no noise.
+/// Seed of noise that is added to a scene without noise.
 const SEED: u32 = 1;
-/// Stribeck speed of the friction, if the scene has no friction, m/s. Static and Coulomb friction are equal.
+/// Stribeck speed of friction that is added to a scene without friction, m/s. Static and Coulomb friction of this added
+/// friction are equal.
 const STRIBECK_M_PER_S: f64 = 1e-3;
 
-/// Divides the rest of the device by `times`. The effect is a motor force that is `times` the scene's, which the board
-/// does not know. A wrong size of a count has the same effect.
+/// Divides mass, damping, stiffness and all other forces of the device by `times`. The device then moves as if the
+/// motor's force were `times` the force in the scene, without the board's knowledge. A wrong size of a count has the
+/// same effect.
 fn force(scene: &mut Scene, times: f64) {
     scene.device.mass_kg /= times;
     scene.device.damping_n_s_per_m /= times;
@@ -132,8 +134,8 @@ impl Suspect {
         changed
     }
 
-    /// Relative distance of a value from the scene's value. If the scene does not have the element, a value beyond the
-    /// first values replaces the scene's value.
+    /// Relative distance of a value from the scene's value. If the scene does not have the element, the scene's value
+    /// is replaced by a value beyond the values that are tried first.
     pub fn far(&self, value: f64) -> f64 {
         let none = || match (self.values.first(), self.values.last()) {
             (_, Some(last)) if self.name == "amplifier" => 2.0 * last,

@@ -70,9 +70,9 @@ pub struct SuspectRow {
     pub scene: Option<f64>,
     /// The middle value of the tried values in the range.
     pub value: f64,
-    /// Smallest tried value that explains the difference equally well.
+    /// Smallest tried value that explains the difference as well as the best value.
     pub low: f64,
-    /// Largest tried value that explains the difference equally well.
+    /// Largest tried value that explains the difference as well as the best value.
     pub high: f64,
     /// Whether the range ends at the first or the last tried value.
     pub at_edge: bool,
@@ -88,7 +88,7 @@ fn key_of(units: Units, tried: &Tried) -> String {
     if !units.is_rotary() {
         return key.into();
     }
-    // In a rotary scene, each of these numbers comes from several keys.
+    // In a rotary scene, each of the following numbers comes from several keys.
     match key {
         "device.mass_kg" => "rotary.handle_inertia_kg_m2".into(),
         "actuator.gain_n_per_v" => "rotary.torque_constant_n_m_per_a".into(),

@@ -1,7 +1,8 @@
-//! Tunings that a search may try. One axis is the bandwidth, the other is a second parameter. Both go from 0 to 1.
+//! Tunings that a search may try. The first axis is the bandwidth. The second axis is a second parameter of the
+//! estimator. Both axes go from 0 to 1.
 //!
-//! **First axis**: the same range of [bandwidth](super::bandwidth) for every estimator, from `LOW` to half the rate. It
-//! is shorter if the core refuses a tuning. A window is rounded to a whole number.
+//! **First axis**: the same range of [bandwidth](super::bandwidth) for every estimator, from `LOW` to half the rate.
+//! The range is shorter if the core refuses a tuning. The length of a window is rounded to a whole number.
 //!
 //! **Second axis**, with logarithmic scale:
 //!
@@ -21,7 +22,7 @@ use zwidth::{
 
 use super::bandwidth::bandwidth_hz;
 
-/// Lowest bandwidth of the search, as a share of the rate. It is 20 Hz at 10 kHz.
+/// Lowest bandwidth of the search, as a share of the rate. At a rate of 10 kHz the lowest bandwidth is 20 Hz.
 const LOW: f64 = 2e-3;
 /// An interval that contains every tuning that the core accepts.
 const TUNINGS: [f64; 2] = [1e-9, 1e12];
@@ -39,7 +40,7 @@ pub struct Axes {
     pub tuning: [f64; 2],
     /// Lowest and highest bandwidth, Hz.
     pub bandwidth_hz: [f64; 2],
-    /// For each end, whether the core refuses every tuning beyond it.
+    /// For each end, whether the core refuses every tuning beyond this end.
     pub refused_beyond: [bool; 2],
     /// Lowest and highest second parameter.
     pub second: Option<[f64; 2]>,
@@ -100,8 +101,8 @@ impl Axes {
         self.second.map_or(0.0, |[low, high]| (before / low).ln() / (high / low).ln())
     }
 
-    /// The settings with a bandwidth that is wrong by a factor, and the factor that is reached. A whole number cannot
-    /// reach every factor. `None` if the core refuses the tuning.
+    /// The settings with a bandwidth that is wrong by a factor, and the factor that they reach. A whole-number tuning
+    /// cannot reach every factor. `None` if the core refuses the tuning.
     pub fn off_by(
         &self,
         settings: &VelocitySettings,
@@ -152,7 +153,7 @@ impl Axes {
         nearest(good)
     }
 
-    /// The tuning with this bandwidth. It is limited to the ends of the axis.
+    /// The tuning with this bandwidth. The tuning is limited to the ends of the axis.
     fn tuning_of(&self, hz: f64) -> f64 {
         let [low, high] = self.bandwidth_hz;
         if hz <= low {
@@ -181,7 +182,7 @@ impl Axes {
         nearest
     }
 
-    /// The tuning in an interval with this bandwidth; `None` if the interval does not contain it.
+    /// The tuning in an interval with this bandwidth; `None` if the interval does not contain this tuning.
     fn between(&self, ends: [f64; 2], hz: f64) -> Option<f64> {
         let (mut slow, mut fast) = (ends[0], ends[1]);
         if self.bandwidth_at(slow)? > hz || self.bandwidth_at(fast)? < hz {
@@ -241,7 +242,7 @@ mod tests {
                     _ => ends[1] < wanted,
                 };
                 assert!(ends[0] >= 0.999 * 20.0 && ends[1] <= 5000.0);
-                // If an end is inside the search range, the core refuses the next step beyond it.
+                // If an end is inside the search range, the core refuses the next step beyond this end.
                 if outside {
                     assert!(axes.refused_beyond[side], "{name:?} {ends:?}");
                     let other = axes.tuning[1 - side];
@@ -282,7 +283,7 @@ mod tests {
         let best = EstimatorName::LevantImplicit.defaults();
         let (wrong, _) = levant.off_by(&best, 1.2).unwrap();
         assert!((wrong.tuning().unwrap().1 / (20.0 * 1.44) - 1.0).abs() < 1e-6);
-        // The nearest other whole number is used, and never the same number.
+        // The wrong tuning is the nearest other whole number, never the same number.
         let window = axes(EstimatorName::FoawEnd);
         let off = |samples: f64, factor| {
             let best = EstimatorName::FoawEnd.defaults().with_tuning(samples);

@@ -5,14 +5,15 @@
 //! | estimator | its bandwidth |
 //! |-----------|---------------|
 //! | linear in the position | highest frequency at which `V(z) / (j w)` is above -3 dB; half the rate if it is always above |
-//! | observer, fusion | the same for their response to the position alone; above this frequency they follow force or acceleration |
+//! | observer, fusion | the same for their response to the position alone; above this frequency these estimators follow force or acceleration |
 //! | adaptive windowing | the same with its longest window |
 //! | time stamps | the same with an edge in every sample |
 //! | Levant's differentiator | the same for the equivalent linear loop at an error of one count, see below |
 //!
 //! **Levant's differentiator** is nonlinear, so its bandwidth depends on the size of the error. For `e = sin(w t)`
 //! counts, the describing function of the sign term is `4 / pi`. The describing function of the root term is 1.1128 (`2
-//! / pi` times the integral of `sin^(3/2)` from 0 to pi). The equivalent linear loop is then:
+//! / pi` times the integral of `sin^(3/2)` from 0 to pi). With these describing functions, the equivalent linear loop
+//! is:
 //!
 //! ```text
 //! V / (s X) = (p s + i) / (s^2 + p s + i),   p = 1.1128 lambda,   i = 4 alpha / pi     explicit
@@ -105,7 +106,8 @@ mod tests {
         // (1 + 9 x^2) / (1 + x^2)^3 = 1/2 at x = 1.6426
         near(of(VelocitySettings::Fusion { crossover_hz: 20.0 }), 1.6426 * 20.0, 0.01);
         near(of(VelocitySettings::Observer { bandwidth_hz: 20.0, mass_kg: 0.416 }), 32.9, 0.01);
-        // The bandwidth is proportional to sqrt(C). The integrator alone has a lower bandwidth.
+        // The bandwidth is proportional to sqrt(C). The implicit form uses the integrator alone, and has a lower
+        // bandwidth.
         let levant = |name: EstimatorName, c| of(name.defaults().with_tuning(c).with_second(1.0));
         let [explicit, implicit] = [EstimatorName::LevantExplicit, EstimatorName::LevantImplicit];
         near(levant(implicit, 4.0) / levant(implicit, 1.0), 2.0, 1e-6);

@@ -4,23 +4,23 @@
 //! A sine moves the handle inside each of several walls. The loop of the scene (encoder, estimator, wall, output
 //! period, latency) responds with a force. The ratio of the Fourier coefficients of force and motion is the impedance.
 //!
-//! The encoder's rounding, periodic error, noise and jitter are included, and the amplifier's pole. Saturation, the
-//! rule that the wall never pulls, and the quantisation of the output are not ([`LEFT_OUT`]). An amplifier error is not
-//! included either, because the ratio would depend on the force. Other elements, for example mode, arm or friction,
-//! would only change the motion, which is prescribed here.
+//! The encoder's rounding, periodic error, noise and jitter, and the amplifier's pole, are included. Saturation, the
+//! rule that the wall never pulls, and the quantisation of the output are not included ([`LEFT_OUT`]). An amplifier
+//! error is not included either, because the impedance would depend on the force. Other elements, for example mode, arm
+//! or friction, would only change the motion. But here the motion is prescribed.
 //!
-//! An estimator that needs a force gets the motor's force when it is granted, as in the loop. It does not get the force
-//! of the hand, which moves the handle.
+//! An estimator that needs a force gets the motor's force when it is granted, as in the loop. The hand moves the
+//! handle, and the estimator does not get the force of the hand.
 //!
-//! **The estimator's share.** Hold and latency of the loop shift the impedance, and the shift is equal for all
-//! estimators. So a second loop uses the true velocity at the sample instead of the estimate. The distance between the
-//! impedances of both loops is the error of the estimator.
+//! **The estimator's share.** Hold and latency of the loop change the impedance by the same amount for all estimators.
+//! So a second loop uses the true velocity at the sample instead of the estimate. The distance between the impedances
+//! of both loops is the error of the estimator.
 //!
 //! **One number.** Errors grow with the frequency, so the highest frequency would dominate an RMS. The result is the
-//! geometric mean over all walls and [`FREQUENCIES_HZ`], which are evenly spaced on a logarithmic scale. So half the
-//! error has the same effect at each frequency. An error below [`FLOOR`] is set to [`FLOOR`], because a hand
-//! distinguishes two stiffnesses only if they differ by more than some 10 % (Jones and Hunter, Exp. Brain Res. 79,
-//! 1990: 23 %). `fidelity.csv` has every point.
+//! geometric mean over all walls and [`FREQUENCIES_HZ`], which are evenly spaced on a logarithmic scale. So if an
+//! estimator halves the error, the effect on the mean is the same at each frequency. An error below [`FLOOR`] is set to
+//! [`FLOOR`], because a hand distinguishes two stiffnesses only if they differ by more than some 10 % (Jones and
+//! Hunter, Exp. Brain Res. 79, 1990: 23 %). `fidelity.csv` has every point.
 
 use std::{f64::consts::PI, sync::atomic::AtomicBool};
 
@@ -36,8 +36,8 @@ use crate::{
     scene::Scene,
 };
 
-/// Errors of the rendered impedances, relative to the commanded impedance. Each is a geometric mean over walls and
-/// frequencies.
+/// Errors of the rendered impedances, relative to the commanded impedance. Each error is a geometric mean over walls
+/// and frequencies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fidelity {
     /// Total error: `|rendered - commanded|`.
@@ -46,7 +46,7 @@ pub struct Fidelity {
     pub of_estimator: f64,
     /// Error of the loop, equal for every estimator: `|rendered with the true velocity - commanded|`.
     pub of_loop: f64,
-    /// Errors at each wall and frequency. The fields above are their means.
+    /// Errors at each wall and frequency. The fields above are the means of these errors.
     pub points: Vec<Point>,
 }
 
@@ -60,10 +60,11 @@ pub struct Point {
     pub of_loop: f64,
 }
 
-/// Frequencies at which the impedance is compared, Hz. They cover a hand's motion and touch at a wall. Each is shifted
-/// by up to a few parts in a thousand, so that no pattern of counts repeats in the record.
+/// Frequencies at which the impedance is compared, Hz. The range covers the motion of a hand and its touch at a wall.
+/// Each frequency is shifted by up to a few parts in a thousand, so that no pattern of counts repeats during the
+/// measurement.
 pub const FREQUENCIES_HZ: [f64; 7] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0];
-/// A smaller error is set to this value.
+/// Smallest relative error that is distinguished. Smaller errors are set to this value.
 pub const FLOOR: f64 = 1e-3;
 /// Text with the elements that are not included.
 pub const LEFT_OUT: &str = "saturation, push-only, output quantisation, amplifier error, mode, backlash, arm, friction, cogging, travel limits";
@@ -153,7 +154,7 @@ mod tests {
         of(scene, 4000.0, &[WALL])
     }
 
-    /// Geometric mean of the relative errors at all frequencies, each at least the floor.
+    /// Geometric mean of the relative errors at all frequencies. Errors below the floor are set to the floor.
     fn mean(error: impl Fn(f64) -> f64) -> f64 {
         let logs = FREQUENCIES_HZ.map(|hz| error(hz).max(FLOOR).ln());
         (logs.iter().sum::<f64>() / 7.0).exp()
@@ -233,7 +234,7 @@ mod tests {
         let noisy = with(|scene| scene.encoder_noise = Some(EncoderNoise { rms_m: 2e-6, seed: 1 }));
         assert!((noisy.of_estimator - plain.of_estimator).abs() > 1e-3, "{noisy:?} {plain:?}");
         let late = with(|scene| scene.jitter = Some(Jitter { peak_s: 9e-5, seed: 1 }));
-        // The count is read later than the controller assumes, so it is newer when the force acts.
+        // The count is read later than the controller assumes, so the count is newer when the force acts.
         assert!(late.of_loop < plain.of_loop - 1e-3, "{late:?}");
         let rounded = with(|scene| scene.encoder.rounding = Rounding::Round);
         assert!(rounded != plain && (rounded.error - plain.error).abs() < 1e-3, "{rounded:?}");

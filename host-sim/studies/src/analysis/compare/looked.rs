@@ -1,16 +1,16 @@
-//! Results of a search by tuning. Each tuning is walked from the first start. It is walked from the second start only
-//! if it can still win.
+//! Results of a search, for each tuning. Each tuning is walked from the first start. A tuning is walked from the second
+//! start only if it can still win.
 //!
 //! If the first area of a tuning is below [`CAN_WIN`] of the best area, the tuning could only win with a second area
-//! above 105 % of the best. In the searches of paper-1um, second areas of such tunings reached at most 95 %. So these
-//! tunings cannot win, and one walk is enough.
+//! above 105 % of the best area. In the searches of paper-1um, second areas of these tunings reached at most 95 % of
+//! the best area. So these tunings cannot win, and one walk is enough.
 
 use zwidth::VelocitySettings;
 
 use crate::{error::Error, numerics::statistics::Repeats, study::boundary::Boundary};
 
-/// Starts of the walks of a search, counts. One is from the golden section, the other is half a count from it. No
-/// number of repeats uses these starts.
+/// Starts of the walks of a search, counts. The first is from the golden section. The second is half a count from the
+/// first. The repeats never use these starts.
 pub(in crate::analysis) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
 
 /// Smallest first area for a walk from the second start, as a share of the best area.
@@ -24,7 +24,7 @@ pub(super) struct Look {
 }
 
 pub(super) struct Looked<T> {
-    /// For each tuning, the boundaries from its starts, each with its judgement.
+    /// For each tuning, the boundaries from the starts. Each boundary has a judgement.
     made: Vec<(VelocitySettings, Vec<(T, Boundary)>)>,
     pub(super) hits: u64,
 }
@@ -36,7 +36,7 @@ impl<T> Default for Looked<T> {
 }
 
 impl<T> Looked<T> {
-    /// Walks the tunings. `best` is the best area before. `walk` makes the walks from one start. The tunings in `soon`
+    /// Walks the tunings. `best` is the best area so far. `walk` makes the walks from one start. The tunings in `soon`
     /// may be requested next, so they are walked in parallel.
     pub(super) fn look(
         &mut self,
@@ -129,8 +129,8 @@ mod tests {
             assert_eq!(found.settings, other.settings);
             let boundaries = walker.walks(&[found.settings], &STARTS).unwrap().pop().unwrap();
             hits += boundaries.hits();
-            // The area of a losing tuning comes from its first start. Its distance from the best area is larger than
-            // the difference between the starts.
+            // The area of a losing tuning comes from its first start. The distance of this area from the best area is
+            // larger than the difference between the starts.
             match found.walks {
                 1 => {
                     assert!(

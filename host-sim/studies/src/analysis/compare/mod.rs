@@ -1,4 +1,4 @@
-//! Compares all velocity estimators. The same search tunes each estimator on the same boundary.
+//! Compares all velocity estimators. The same search tunes each estimator for the area of its boundary.
 //!
 //! * [`search`]: finds the tuning with the largest Z-width area, by the same rule for each estimator, over the same
 //!   range of [`bandwidth`]. [`tuned`] is its result.
@@ -62,7 +62,8 @@ use crate::{
 pub enum Entry {
     /// An estimator that the search tunes.
     Tuned(EstimatorName),
-    /// Observer with known latency. It gets each force when the force acts, and not when the force is granted.
+    /// Observer with known latency. The observer gets each force when the force acts, and not when the force is
+    /// granted.
     ObserverInTime,
     /// A common choice without tuning: a first-order low-pass at 50 Hz.
     AdHoc,
@@ -134,7 +135,7 @@ impl Entry {
         walker.length(&start)
     }
 
-    /// The scene in which the latency is known to the estimator, if this entry needs it.
+    /// The scene for this entry. If the entry needs the latency, the estimator knows the latency in this scene.
     fn told(self, scene: &Scene) -> Scene {
         let mut scene = scene.clone();
         scene.actuator.latency_known |= self == Self::ObserverInTime;
@@ -203,9 +204,9 @@ impl Wall {
     }
 }
 
-/// The walls at which estimators are compared. K is read from each boundary at a B. The walls have half, one and two
-/// times this B, within the scene's walk. Their K is half of the mean K that the tuned finite difference and
-/// Butterworth filter reaches there. It is at least the walk's first K.
+/// The walls at which estimators are compared. K of each boundary is read at one B. The three walls have half of this
+/// B, this B, and twice this B, but never a B outside the scene's walk. K of a wall is half of the mean K that the
+/// tuned finite difference and Butterworth filter reaches at the B of the wall. K is at least the walk's first K.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// The walls, lowest B first.
@@ -215,7 +216,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// The wall at which the force is compared. K of each boundary is read at its B.
+    /// The wall at which the force is compared. K of each boundary is read at the B of this wall.
     pub fn middle(&self) -> Wall {
         self.walls[1]
     }
@@ -264,10 +265,11 @@ pub fn with_filter(scene: &Scene, settings: &VelocitySettings) -> Scene {
 const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
 
 /// Default B at which K is read. If the tuned finite difference and Butterworth filter does not reach twice this B,
-/// half of the reached B is used.
+/// half of the largest B that this filter reaches is used.
 const USUAL_DAMPING_N_S_PER_M: f64 = 100.0;
 
-/// B at which K is read: the default, or half of the B that these boundaries reach. It is on the walk's grid.
+/// B at which K is read: the default, or half of the largest B that the boundaries reach. The result is on the walk's
+/// grid.
 pub fn damping_of(boundaries: Option<&Boundaries>, scene: &Scene) -> f64 {
     let plan = scene.walk_plan();
     let reached = boundaries.map_or(0.0, |boundaries| {
@@ -278,15 +280,15 @@ pub fn damping_of(boundaries: Option<&Boundaries>, scene: &Scene) -> f64 {
     USUAL_DAMPING_N_S_PER_M.clamp(first, first + steps * step)
 }
 
-/// Largest number of walks that a comparison of `entries` can take.
+/// Largest number of walks that a comparison of `entries` can need.
 pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
     let reference = u64::from(!entries.contains(&REFERENCE));
     (entries.len() as u64 + reference) * budget.most() + u64::from(budget.repeats)
 }
 
 /// Compares `entries`. The tuned finite difference and Butterworth filter defines the walls ([`Place`]) of the
-/// contacts, even if it is not an entry. `beside` is the scene with another criterion. The areas by this criterion are
-/// reported too. Calls `done` with the number of finished walks.
+/// contacts, even if this filter is not an entry. `beside` is the scene with another criterion. The areas by the
+/// criterion of `beside` are reported too. Calls `done` with the number of finished walks.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -358,15 +360,15 @@ pub fn compare(
     Ok((place, compared.into_iter().collect::<Result<_, _>>()?))
 }
 
-/// Start of the search. Known values of the device are used, for example its mass for the observer.
+/// Settings at the start of the search. Known values of the device are used, for example its mass for the observer.
 pub fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
     let start = match entry {
         Entry::Tuned(name) => with_own_mass(name.defaults(), scene),
         Entry::ObserverInTime => with_own_mass(EstimatorName::Observer.defaults(), scene),
         Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ },
     };
-    // The defaults are for 10 kHz and 1 um. If the core refuses a default, it is multiplied by the nearest power of two
-    // that the core accepts.
+    // The defaults are for 10 kHz and 1 um. If the core refuses a default, the default is multiplied by the nearest
+    // power of two that the core accepts.
     let Some((_, tuning)) = start.tuning() else { return start };
     let design = scene.design();
     let powers = (0..64).flat_map(|n| [n, -n]).map(|n| 2f64.powi(n));

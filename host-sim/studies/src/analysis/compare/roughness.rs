@@ -1,7 +1,7 @@
 //! Roughness of a wall in the hand: RMS of the force above 100 Hz, over the window of a wall hit. The hand feels
-//! vibration best near 250 Hz, and a force above 100 Hz does not belong to a wall. The force in one hit is a sample of
-//! a chaotic signal (15 % from start to start). So there are [`HITS`] hits, with starts spread over a count. The hit
-//! runs with all elements of the scene. The force is the controller's, with output quantisation, before the amplifier.
+//! vibration best near 250 Hz, and a wall does not command a force above 100 Hz. The force of a hit is chaotic: its
+//! roughness varies by 15 % from start to start. So there are [`HITS`] hits, with starts spread over a count. The hits
+//! run with all elements of the scene. The force is the controller's, with output quantisation, before the amplifier.
 
 use std::{f64::consts::PI, sync::atomic::AtomicBool};
 

@@ -1,15 +1,16 @@
 //! Finds the tuning with the largest Z-width area, by the same rule for every estimator.
 //!
 //! As a function of the tuning, the area has one broad maximum and a rough surface. So the search first walks evenly
-//! spaced tunings ([`Axes`]): bandwidths with one parameter, a grid with two. Then it moves from the best tuning to a
-//! neighbour that is better by more than [`GAIN`]. Neighbours are along the axes. With two parameters, they are also
-//! along the diagonals (a compass search). If no neighbour is better, the steps are halved. The search has *settled*
-//! when the steps are below [`LAST_STEP`] of bandwidth. If the allowed number of tunings is used up before, the search
-//! has not settled. A refused tuning, or a whole number that was already tried, is not tried again.
+//! spaced tunings ([`Axes`]): a row of bandwidths for one parameter, a grid for two parameters. Then the search moves
+//! from the best tuning to a neighbour that is better by more than [`GAIN`]. Neighbours are along the axes. With two
+//! parameters, they are also along the diagonals (a compass search). If no neighbour is better, the steps are halved.
+//! The search has *settled* when the steps are below [`LAST_STEP`] of bandwidth. If the allowed number of tunings is
+//! used up before that, the search has not settled. A refused tuning, or a whole number that was already tried, is not
+//! tried again.
 //!
 //! The search walks from two starts that no repeat uses. A tuning that can no longer win is walked from the first start
-//! only (`looked.rs`). The result is walked again from the starts of a sweep. So the selection does not bias its area.
-//! Wrong tunings are walked from the same starts.
+//! only (`looked.rs`). The result is walked again from the starts of a sweep. The area of the result is the area of
+//! these last walks, so the selection does not bias the area. Wrong tunings are also walked from the starts of a sweep.
 
 use std::{cell::RefCell, sync::atomic::AtomicBool};
 
@@ -34,10 +35,10 @@ use crate::{
 /// Limits on the cost of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Largest number of tunings with one parameter, 3 or more. With two parameters the limit is [`OF_TWO`] times
-    /// larger.
+    /// Largest number of tunings with one parameter, 3 or more. With two parameters the limit is [`OF_TWO`] times as
+    /// large.
     pub tunings: u32,
-    /// Number of walks of the result, 1 or more. Their starts are spread over a count.
+    /// Number of walks of the result, 1 or more. The starts of these walks are spread over a count.
     pub repeats: u32,
 }
 
@@ -51,7 +52,7 @@ impl Budget {
 
 /// Largest number of walks for one tried tuning of a search.
 pub const WALKS_OF_A_TRY: u32 = 2;
-/// Number of tunings with two parameters, for one tuning with one parameter.
+/// Allowed number of tunings with two parameters, divided by the allowed number with one parameter.
 pub const OF_TWO: u32 = 4;
 /// Share of the tunings in the evenly spaced first step, as a fraction, for one axis and for two.
 const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
@@ -59,7 +60,7 @@ const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
 const LINES: u32 = 3;
 /// A neighbour is better if its area is larger by more than this share.
 pub const GAIN: f64 = 0.002;
-/// Smallest step, as a ratio of bandwidths. It does not apply to whole numbers, which use `LEAST_STEP`.
+/// Smallest step, as a ratio of bandwidths. For whole-number tunings, `LEAST_STEP` is used instead.
 pub const LAST_STEP: f64 = 1.03;
 /// Smallest step of any kind, as a part of the range.
 const LEAST_STEP: f64 = 1e-4;
@@ -70,7 +71,7 @@ pub const MASS_WRONG_BY: f64 = 0.2;
 
 pub struct Walker<'a, D> {
     pub engine: Engine,
-    /// The scene. Its own estimator is not used.
+    /// The scene. The scene's own estimator is not used.
     pub scene: &'a Scene,
     /// Set to stop the search.
     pub stop: &'a AtomicBool,
@@ -151,7 +152,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok((best, tuned))
     }
 
-    /// Whether walks of this estimator run in lanes, with any engine.
+    /// Whether walks of this estimator can run in lanes. The engine has no influence.
     ///
     /// # Errors
     /// The scene is not allowed with this estimator.
@@ -200,13 +201,14 @@ pub fn tune(
     let walker = Walker { engine, scene, stop, done };
     let (best, mut tuned) = walker.best(start, is_free, budget)?;
     let area = tuned.boundaries.area();
-    // Wrong settings below and above the best. A share scales the loss of area. The wrong masses of a model have no
-    // share.
+    // Wrong settings below and above the best settings. The loss of area at a wrong tuning is multiplied by a share.
+    // For a wrong mass of a model the loss is not scaled.
     let mut wrongs: Vec<(usize, Option<f64>, VelocitySettings)> = vec![];
     let axes = walker.axes(start, is_free);
     for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
         let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
-        // A whole number does not reach the factor. So the loss is scaled in proportion on a logarithmic scale.
+        // A whole-number tuning is not wrong by exactly the factor. So the loss is scaled by the ratio of the
+        // logarithms of the wanted and the reached factor.
         let share = |reached: f64| Some(factor.ln() / reached.ln());
         wrongs.extend(wrong.map(|(wrong, reached)| (side, share(reached), wrong)));
     }
@@ -254,8 +256,9 @@ pub(super) struct Search {
 }
 
 impl Search {
-    /// Tries at most `tunings` tunings. With two axes, it tries [`OF_TWO`] times as many. `look` returns the result of
-    /// each tuning. It also gets the tunings that are next if none of these is better, and the largest area so far.
+    /// Tries at most `tunings` tunings. With two axes, the limit is [`OF_TWO`] times as large. `look` returns the
+    /// result of each tuning. The other arguments of `look` are the tunings that come next if none of these tunings is
+    /// better, and the largest area so far.
     pub(super) fn over(
         axes: &Axes,
         tunings: u32,
@@ -415,7 +418,7 @@ mod tests {
                 search(EstimatorName::FirstOrder, 24, |[hz, _]| hill(hz / top));
             assert!(settled && hill(found / top) > 0.995, "{found} for {top}");
             assert!((14..=24).contains(&looked.len()), "{}", looked.len());
-            // A larger budget does not help. The search only starts with a finer grid, and also settles.
+            // A larger budget finds no larger area. The search only starts with a finer grid, and also settles.
             let (_, [again, _], settled) =
                 search(EstimatorName::FirstOrder, 48, |[hz, _]| hill(hz / top));
             assert!(settled && hill(again / top) > 0.995, "{again} for {top}");

@@ -13,8 +13,8 @@
 //! when it acts.
 //!
 //! Other inputs are ideal: an accelerometer's reading of the whole motion, and the encoder's edges. Counts and edges
-//! come from the same reading. It has the scene's rounding and periodic error, but no noise and no jitter. At rest the
-//! periodic error is constant and is left out.
+//! come from the same reading of the position. This reading has the scene's rounding and periodic error, but no noise
+//! and no jitter. At rest the periodic error is constant and is left out.
 
 use std::f64::consts::PI;
 
@@ -44,9 +44,9 @@ pub struct Signal {
 /// A result for a motion by the hand, and for a motion by the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Driven {
-    /// Motion by the hand. The estimator does not get the force.
+    /// Motion by the hand. The estimator does not get the hand's force.
     pub hand: f64,
-    /// Motion by the motor. The estimator gets the whole force.
+    /// Motion by the motor. The estimator gets the whole motor force.
     pub motor: f64,
 }
 
@@ -60,7 +60,7 @@ enum Drive {
 const SLOW: f64 = 5e-4;
 /// Largest speed of the sines, counts per sample.
 const FAST_COUNTS: f64 = 100.0;
-/// Samples before the measurement. Even the slowest filters then have settled.
+/// Samples before the measurement. After these samples even the slowest filters have settled.
 const WARM_UP: u32 = 20_000;
 const SAMPLES: u32 = 40_000;
 /// Speeds, counts per sample.
@@ -153,7 +153,7 @@ impl Bench<'_> {
         Ok((-im).atan2(re))
     }
 
-    /// Force that the device needs for this motion, mean over a sample, N.
+    /// Mean force over a sample that the device needs for this motion, N.
     fn force_n(&self, [x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> f64 {
         let (device, rate_hz) = (&self.scene.device, self.scene.control.rate_hz);
         let counts = device.mass_kg * (v1 - v0) * rate_hz * rate_hz
@@ -244,7 +244,7 @@ mod tests {
             measure(&scene, settings).unwrap()
         };
         let plain = measured(|_| ());
-        // Rounding to the nearest count gives the same count as rounding down a position that is half a count larger.
+        // Rounding to the nearest count is equal to adding half a count and rounding down.
         let rounded = measured(|scene| scene.encoder.rounding = Rounding::Round);
         let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-3;
         assert_eq!(rounded.noise_at_rest_m_per_s, plain.noise_at_rest_m_per_s);
@@ -253,8 +253,8 @@ mod tests {
             "{rounded:?} {plain:?}"
         );
         assert!((rounded.phase_100_hz_deg.hand - plain.phase_100_hz_deg.hand).abs() < 1e-2);
-        // The error has a slope of 0.0628 sin. At 2.9 counts per sample this is a real velocity of 0.0129 m/s RMS. The
-        // rest is small.
+        // The periodic error has a slope of 0.0628 sin. At 2.9 counts per sample this slope adds a velocity of 0.0129
+        // m/s RMS. Other errors are small.
         let wrong = measured(|scene| {
             let (cycle_m, first_m) = (1e-3, 1e-5);
             let (second_m, phase_rad) = (0.0, 0.3);
@@ -268,7 +268,7 @@ mod tests {
 
     #[test]
     fn a_coarse_encoder_does_not_move_the_phase() {
-        // The delay at 100 Hz is half a sample for every size of a count, which is 1.8 degrees.
+        // For every size of a count, the delay is half a sample. At 100 Hz this is 1.8 degrees.
         for resolution_m in [1e-6, 1e-5, 2e-5, 4e-5] {
             let mut scene = NamedScene::load("paper-1um").unwrap().scene;
             scene.encoder.resolution_m = resolution_m;
@@ -289,16 +289,16 @@ mod tests {
         let butterworth = signal(VelocitySettings::Butterworth { cutoff_hz: 500.0 });
         assert!((butterworth.delay_s.hand / 5.0e-4 - 1.0).abs() < 0.01, "{butterworth:?}");
         assert!((butterworth.phase_100_hz_deg.hand + 18.2).abs() < 0.1, "{butterworth:?}");
-        // The count changes with probability 1/2 per sample. So half of the differences are +-1 count, which is 10
-        // mm/s.
+        // The count changes with probability 1/2 per sample. So half of the differences are +-1 count, and +-1 count is
+        // 10 mm/s.
         assert!((plain.noise_at_rest_m_per_s / (0.01 * 0.5f64.sqrt()) - 1.0).abs() < 0.02);
         assert!(butterworth.noise_at_rest_m_per_s < 0.1 * plain.noise_at_rest_m_per_s);
         assert!(butterworth.noise_in_motion_m_per_s < plain.noise_in_motion_m_per_s);
         let window = VelocitySettings::LeastSquares1 { window_samples: 20 };
         assert!((signal(window).delay_s.hand / 1e-3 - 1.0).abs() < 0.01);
-        // With the motor's force the observer has almost no delay. It does not get the hand's force. Then it is a
-        // filter of the position with poles w. Its delay is 3 atan(x) - atan(3 x), where x is 100 Hz divided by the
-        // bandwidth.
+        // With the motor's force the observer has almost no delay. The observer does not get the hand's force. So for
+        // motion by the hand the observer is a filter of the position, with poles at w. The delay of this filter is 3
+        // atan(x) - atan(3 x), where x is 100 Hz divided by the bandwidth.
         let observer = signal(VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 0.416 });
         // The observer does not know the force of the device's damping b, so it leads by 3 b / (m w^2).
         let lead = 3.0 * 5.5195 / 0.416 / (2.0 * PI * 100.0).powi(2);
@@ -306,8 +306,9 @@ mod tests {
         assert!(observer.phase_100_hz_deg.motor.abs() < 1.0, "{observer:?}");
         let late = (3.0 * 1f64.atan() - 3f64.atan()).to_degrees();
         assert!((observer.phase_100_hz_deg.hand + late).abs() < 2.5, "{observer:?} {late}");
-        // If the observer gets the force 0.3 ms before it acts, the velocity leads. The observer passes (s^3 + 3 w s^2)
-        // / (s + w)^3 of a force U for the acceleration s^2 X. U is (1 + b / (m s)) e^(s t) times its correct value.
+        // If the observer gets the force 0.3 ms before it acts, the velocity leads. The response of the observer to the
+        // force is (s^3 + 3 w s^2) / (s + w)^3. The force U that the observer gets is (1 + b / (m s)) e^(s t) times the
+        // correct value.
         let s = Complex::new(0.0, 2.0 * PI * 100.0);
         let w = 2.0 * PI * 100.0;
         let passed = (s * s * s + s * s * 3.0 * w) / ((s + w) * (s + w) * (s + w));

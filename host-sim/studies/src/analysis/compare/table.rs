@@ -100,8 +100,8 @@ impl Criterion {
     }
 }
 
-/// Makes the list of criteria. An entry has three groups. The first has table part, better values and CSV key. The
-/// second has printed name, unit, factor and digits. The third is the function that gives the values.
+/// Makes the list of criteria. An entry has three groups. The first group has table part, better values and CSV key.
+/// The second group has printed name, unit, factor and digits. The third group is the function that gives the values.
 macro_rules! criteria {
     ($($part:ident $better:expr, $key:literal:
        $name:literal, $unit:expr, $scale:literal, $digits:literal, $values:expr;)*) => {

@@ -20,7 +20,7 @@ pub struct Tried {
 pub enum Edge {
     /// The core accepts no value beyond this end.
     Core,
-    /// The range of the search ends there.
+    /// The range of the search ends at this end.
     Search,
 }
 
@@ -29,11 +29,11 @@ pub struct Tuned {
     /// Every tried tuning, in the order of the tries. Empty if there is nothing to tune.
     pub tried: Vec<Tried>,
     /// Whether the search ended because no neighbour of its result is better. False if all allowed tunings were used up
-    /// before.
+    /// before that.
     pub settled: bool,
     /// Boundaries at the best tuning, one per start.
     pub boundaries: Boundaries,
-    /// -3 dB bandwidth at the best tuning, Hz, as [`super::bandwidth`] defines it.
+    /// -3 dB bandwidth at the best tuning, Hz, as defined in [`super::bandwidth`].
     pub bandwidth_hz: f64,
     /// Mean area with a bandwidth that is too low and too high by [`WRONG_BY`](super::search::WRONG_BY), as a fraction
     /// of the best area. `None` if there is no tuning, or if the core refuses the wrong tuning.

@@ -1,9 +1,9 @@
 //! The best estimators of each criterion, among estimators with the same kind of inputs.
 //!
-//! Repeats of a walk and of a hit scatter. So, with repeats, some means cannot be distinguished from the best mean.
-//! Welch's t-test decides, as in a sweep ([`crate::numerics::statistics`]). Two means are only distinguished if the
-//! test shows that the worse mean is below 98 % of the better mean. If smaller values are better, the test is whether
-//! the better mean is below 98 % of the worse mean.
+//! The results of repeated walks and hits scatter. So some means cannot be distinguished from the best mean. Welch's
+//! t-test decides, as in a sweep ([`crate::numerics::statistics`]). Two means are only distinguished if the test shows
+//! that the worse mean is below 98 % of the better mean. If smaller values are better, the test is whether the better
+//! mean is below 98 % of the worse mean.
 
 use std::borrow::Cow;
 
@@ -31,7 +31,7 @@ pub struct Winner {
     /// Mean of the best estimator.
     pub value: f64,
     /// Rank of finite difference and Butterworth: 1 plus the number of estimators in its class that are shown to be
-    /// better. `null` if it is not in the class or has no value.
+    /// better. `null` if this estimator is not in the class or has no value.
     pub butterworth_rank: Option<usize>,
 }
 
@@ -156,7 +156,7 @@ mod tests {
         assert_eq!(winner.best, ["kalman-2"]);
         assert_eq!(winner.not_told_apart, ["butterworth", "kalman-3"]);
         assert_eq!(winner.butterworth_rank, Some(1));
-        // The same means without scatter. Then the test shows that two estimators are better.
+        // The same means without scatter. In this case the test shows that two estimators are better than Butterworth.
         let winner = of(
             Better::More,
             &[("butterworth", &[94.0; 4]), ("kalman-2", &[100.0; 4]), ("kalman-3", &[99.0; 4])],

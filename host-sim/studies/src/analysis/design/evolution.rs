@@ -2,8 +2,8 @@
 //!
 //! R. Storn and K. Price, "Differential evolution: a simple and efficient heuristic for global optimization over
 //! continuous spaces", J. Global Optimization 11, 1997. The scale of the differences is drawn again for each
-//! generation, as in SciPy. Each member has its own limit of the gain peak, its cap. So one search finds the best
-//! filter for every cap. A member takes steps from the best known filter below its cap, or from another member. A
+//! generation, as in SciPy. Each member has a cap, which is its own limit of the gain peak. So one search finds the
+//! best filter for every cap. A member takes steps from the best known filter below its cap, or from another member. A
 //! filter above the cap is not walked. Of two filters above the cap, the filter nearer to the cap stays (K. Deb,
 //! Comput. Methods Appl. Mech. Engrg. 186, 2000).
 //!
@@ -22,9 +22,9 @@ use crate::{
 
 /// Number of members with the first cap.
 const MAIN: usize = 24;
-/// Number of members with each of the other caps.
+/// Number of members with each further cap.
 const EACH: usize = 8;
-/// Share of coordinates that a member's trial takes from the step. The other coordinates do not change.
+/// Share of the coordinates that change when a member tries a step.
 const CROSSING: f64 = 0.8;
 
 /// A point of the search. Each coordinate is 0 to 1.
@@ -135,8 +135,8 @@ const SPREAD: usize = 12;
 /// Number of draws in a round.
 const ROUND: usize = 40;
 
-/// Refines the filters at the points `from`, below the cap. Their qualities are not used, because they belong to
-/// another grid. The refinement walks `budget` filters, and at least one round.
+/// Refines the filters at the points `from`, below the cap. Qualities from the search are not used, because the search
+/// had another grid. The refinement walks `budget` filters, and at least one round.
 ///
 /// # Errors
 /// An error of [`Field::worths`].

@@ -1,17 +1,19 @@
-//! Finds the best velocity filter for a device, and not only the best cutoff. The filter has one or two biquads after
-//! the finite difference, in the core's fixed point. It is designed for the worst of several conditions. A condition
-//! sets the push, the hand and the limit.
+//! Finds the best velocity filter for a device: its form and not only its cutoff. The filter has one or two biquads
+//! after the finite difference, in the core's fixed point. The filter is designed for the worst of several conditions.
+//! A condition sets the push, the hand and the limit.
 //!
-//! * The quality of a filter is its area divided by the area of finite difference and Butterworth at its best cutoff of
-//!   `[sweep]`, in the worst condition. With one condition, the best filter has the largest area.
+//! * The quality of a filter is a ratio of areas, in the worst condition. The filter's area is divided by the area of
+//!   finite difference and Butterworth at the best cutoff of `[sweep]`. With one condition, the best filter has the
+//!   largest area.
 //! * [`evolution`] is a global search over poles, lead and second zero ([`shape`]), for several limits of the gain peak
 //!   (caps) together. The grid of the walk is so coarse that Butterworth's boundary has about 28 columns.
 //! * The best filters of the first cap are refined on a grid with twice as many columns.
-//! * The best filters of each cap are walked again on the scene's grid, from other starts. The best of these are walked
-//!   from the starts of a sweep. So the selection does not bias the area in the result. With one repeat, all walks have
-//!   one start, and the area is biased upwards.
-//! * Roughness is measured as in [`compare`](super::compare), at the same wall. Here, Butterworth's cutoff is a cutoff
-//!   of `[sweep]`. The area with a frequency or damping that is wrong by [`MISTUNED_BY`] is also measured.
+//! * The best filters of each cap are walked again on the scene's grid, from other starts. The best filters of these
+//!   walks are walked once more, from the starts of a sweep. So the selection does not bias the area in the result.
+//!   With one repeat, all walks have one start, and the area is biased upwards.
+//! * Roughness is measured as in [`compare`](super::compare), at the same wall. But for a design, Butterworth's cutoff
+//!   is one of the cutoffs of `[sweep]`. The area with a frequency or damping that is wrong by [`MISTUNED_BY`] is also
+//!   measured.
 
 pub mod evolution;
 mod references;
@@ -50,12 +52,13 @@ const COLUMNS: f64 = 28.0;
 const FINE_COLUMNS: f64 = 56.0;
 /// Share of the budget for the refinement.
 const REFINE: f64 = 0.2;
-/// Starts of the walks that choose among the best filters, counts: the starts of a search, and two between them.
+/// Starts of the walks that choose among the best filters, counts: the starts of a search, and two starts between
+/// these.
 const CHOICE: [f64; 4] =
     [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
-/// Number of filters of each cap and grid that are walked on the scene's grid.
+/// Number of best filters that are walked again on the scene's grid, for each cap and each grid of the search.
 const CHOSEN: usize = 8;
-/// Caps on the gain peak, dB, for the other filters of the result. Only caps below the requested cap are used.
+/// Caps on the gain peak, dB, for further filters of the result. Only caps below the requested cap are used.
 const FRONT_DB: [f64; 6] = [12.0, 9.0, 6.0, 4.5, 3.0, 1.5];
 /// Factor of a mistuned frequency or damping, up or down.
 pub const MISTUNED_BY: f64 = 1.2;
@@ -77,7 +80,7 @@ pub struct Question {
     pub delay_s: Option<f64>,
     /// Largest allowed roughness of the force, N.
     pub roughness_n: Option<f64>,
-    /// Smallest share of its area that a mistuned filter must have.
+    /// Smallest allowed area of a mistuned filter, as a share of the area of the correctly tuned filter.
     pub mistuned_share: Option<f64>,
     /// Sections of a filter, 1 or 2.
     pub sections: u8,
@@ -111,7 +114,8 @@ pub struct Designed {
     pub gain_peak_db: f64,
     /// RMS of the force above 100 Hz at the wall, N; `None` if the wall is not stable.
     pub roughness_n: Option<f64>,
-    /// Smallest share of its area that a mistuned filter has, in the worst condition.
+    /// Smallest area of a mistuned filter, as a share of the area of the correctly tuned filter, in the worst
+    /// condition.
     pub mistuned_share: f64,
     /// The biquads, as the core runs them.
     pub sections: Vec<Biquad>,
@@ -193,7 +197,7 @@ fn of_numbers<const N: usize>(
         scenes.iter().map(PreparedScene::new).collect()
     };
     let fine = prepared(&scenes)?;
-    // Butterworth low-passes have another form than two biquads, so they need scenes of their own.
+    // Butterworth low-passes have another form than two biquads. So the low-passes need their own scenes.
     let plain: Vec<Scene> = question.conditions.iter().map(|c| with_low_pass(&c.scene)).collect();
     let references = references(&walker, &question, &prepared(&plain)?)?;
     let cutoffs: Vec<VelocitySettings> = references.iter().map(Reference::settings).collect();

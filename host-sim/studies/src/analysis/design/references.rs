@@ -38,8 +38,8 @@ pub(super) fn with_low_pass(scene: &Scene) -> Scene {
     with_filter(scene, &settings)
 }
 
-/// The best cutoff of `[sweep]` in each condition, from one start on the scene's grid. Its boundaries are then walked
-/// from all starts.
+/// The best cutoff of `[sweep]` in each condition, from one start on the scene's grid. The boundaries at this cutoff
+/// are then walked from all starts.
 pub(super) fn references<D: Fn(&Boundary) + Sync>(
     walker: &Walker<'_, D>,
     question: &Question,

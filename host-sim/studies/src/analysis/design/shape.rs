@@ -1,5 +1,5 @@
-//! A filter of the search. Its parameters are the four numbers of `biquad` or the eight of `biquad-2`. Here are their
-//! ranges, and values that follow directly from them.
+//! A filter of the search. Its parameters are the four numbers of `biquad` or the eight of `biquad-2`. This module also
+//! has the ranges of the parameters, and values that follow from the parameters directly.
 
 use std::f64::consts::PI;
 
@@ -30,7 +30,7 @@ const LEAD: [f64; 2] = [-2.0, 4.0];
 const SECOND: f64 = 3.0;
 /// Number of frequencies at which the gain is computed, up to half the rate.
 const LOOKS: u32 = 400;
-/// Lowest of these frequencies, as a share of half the rate.
+/// Lowest frequency at which the gain is computed, as a share of half the rate.
 const LOWEST: f64 = 1e-3;
 
 /// The parameters of `estimator = "biquad"`.
@@ -88,8 +88,8 @@ impl Shape {
         Self { frequency_hz, damping, lead_s, zero, second }
     }
 
-    /// Sets the second section so that it has no effect, with both zeros on its two equal poles. Its frequency must be
-    /// in the range of the search.
+    /// Sets the second section without effect: its two poles are equal, and both zeros are on these poles. The
+    /// frequency of the second section must be in the range of the search.
     pub fn without_second(place: &mut [f64], rate_hz: f64) {
         let ratio = FREE * rate_hz / Self::at(place, rate_hz).frequency_hz;
         let ratio = (ratio / RATIO[0]).ln() / (RATIO[1] / RATIO[0]).ln();
@@ -137,7 +137,7 @@ impl Shape {
         self.response(design).map(|response| gain_peak_db(&response, design.rate_hz))
     }
 
-    /// The same filter with its frequencies or its dampings multiplied by a factor. Its leads stay within the range of
+    /// The same filter with its frequencies or its dampings multiplied by a factor. The leads stay within the range of
     /// the core.
     fn off(&self, place: usize, factor: f64, design: &Design) -> Option<Self> {
         let mut other = *self;

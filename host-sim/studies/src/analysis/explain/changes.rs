@@ -46,7 +46,7 @@ pub struct Change {
     /// Additional cycles of the Cortex-M4 per second; `None` if not measured.
     pub cycles_per_s: Option<f64>,
     pub scene: Scene,
-    /// Estimators of which the best is used. If empty, the scene's own estimator is used.
+    /// The best of these estimators is used. If the list is empty, the scene's own estimator is used.
     pub estimators: Vec<EstimatorName>,
 }
 
@@ -127,14 +127,14 @@ fn counts(units: Units, resolution_m: f64) -> String {
     }
 }
 
-/// Adds an integrator to a scene if a new element needs one.
+/// Adds an integrator to a scene if a new element needs an integrator.
 fn integrated(mut scene: Scene) -> Scene {
     scene.integrator = scene.integrator.or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
     scene
 }
 
-/// All changes for which the core accepts the changed scene. They are in the order of the loop: encoder, velocity,
-/// time, output, amplifier, motor, mechanics.
+/// All changes for which the core accepts the changed scene. The changes are in the order of the loop: encoder,
+/// velocity, time, output, amplifier, motor, mechanics.
 pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
     let mut all = vec![];
     let mut add = |name, kind, text: String, cost: String, edit: &dyn Fn(&mut Scene)| {

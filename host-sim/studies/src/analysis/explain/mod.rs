@@ -6,14 +6,15 @@
 //! need only the position are screened from one start. The best three are searched with twice the usual number of
 //! tunings, because each estimator has its own rough surface.
 //!
-//! **Errors of a search.** The surface of areas is rough, so two searches may end at maxima of different heights. Then
-//! an element without effect would seem to have one. So the unchanged scene is tried with the tunings of all changes.
-//! Each change is tried with the tuning of the scene. The best result is used. Its gain is the share that the search
-//! has [missed](Explained::missed). A smaller difference between changes is not reported.
+//! **Errors of a search.** The surface of areas is rough, so two searches may end at maxima of different heights. In
+//! this case an element without effect would seem to have an effect. So the unchanged scene is tried with the tunings
+//! of all changes. Each change is tried with the tuning of the scene. The best result is used. The gain over the result
+//! of the search is the share that the search has [missed](Explained::missed). A difference between changes that is
+//! smaller than this share is not reported.
 //!
 //! **Ranges.** Each boundary is walked from starts that are spread over a count. If the scene has noise, each start has
-//! its own noise. Two changes have the same rank if Welch's t-test (one-sided, 5 %) does not show that one area is
-//! below the other.
+//! its own noise. One change ranks below another only if Welch's t-test (one-sided, 5 %) shows that its area is
+//! smaller.
 
 mod changes;
 pub mod table;
@@ -47,10 +48,10 @@ use crate::{
 const FINALISTS: usize = 3;
 /// Tunings in the full search of an estimator, as a multiple of the usual number.
 const FINAL_TUNINGS: u32 = 2;
-/// Walks of each change in addition to its search. Three tunings are walked: the scene with the change's tuning, the
-/// change with its own tuning, and the change with the scene's tuning.
+/// Walks of each change in addition to its search. The scene is walked with the change's tuning. The change is walked
+/// with its own tuning and with the scene's tuning.
 const POOLED: u64 = 3 * STARTS.len() as u64;
-/// Number of tunings for a plant that is integrated step by step. Its walks take ten times as long.
+/// Number of tunings for a plant that is integrated step by step. Walks of an integrated plant take ten times as long.
 const INTEGRATED_TUNINGS: u32 = 5;
 
 /// A scene with one element changed, and its walls.
@@ -140,7 +141,8 @@ impl Explanation {
     }
 }
 
-/// Estimators that may replace the scene's estimator. They need only the position. The scene's own is left out.
+/// Estimators that may replace the scene's estimator. These estimators need only the position. The scene's own
+/// estimator is left out.
 pub fn estimators(scene: &Scene) -> Vec<EstimatorName> {
     let own = scene.velocity.estimator();
     let named = Entry::usual(scene).into_iter().filter_map(|entry| match entry {
@@ -150,7 +152,8 @@ pub fn estimators(scene: &Scene) -> Vec<EstimatorName> {
     named.filter(|name| name.sense().is_none()).collect()
 }
 
-/// Budget for the screening of an estimator. It has the tunings of any other element, and one start.
+/// Budget for the screening of an estimator. The number of tunings is the same as for any other element. Each tuning is
+/// walked from one start.
 fn screening(budget: Budget) -> Budget {
     Budget { repeats: 1, ..budget }
 }
@@ -306,7 +309,7 @@ impl Explained {
         self.boundaries.repeats().is_below(same, &other.boundaries.repeats())
     }
 
-    /// Takes the best tuning, from its own tuning and the others.
+    /// Uses the best of the own tuning and `others`.
     fn try_at(
         &mut self,
         walks: &Walks<'_>,
@@ -370,8 +373,8 @@ mod tests {
             let before = place.checked_sub(1).map(|before| one.changes[before].area()[0]);
             assert!(before.is_none_or(|before| before >= a.area()[0]));
         }
-        // Half the latency gives more area, and an additional amplifier gives less. Both areas differ from the area of
-        // the unchanged scene.
+        // Half the latency gives more area, and an additional amplifier gives less area. Both areas differ from the
+        // area of the unchanged scene.
         let of = |name: &str| {
             let is_it = |one: &&Explained| one.change.name == name;
             one.changes.iter().find(is_it).unwrap()

@@ -27,11 +27,11 @@ const RESOLUTION_M: RangeInclusive<f64> = 1e-8..=1e-3;
 pub struct GainAsked {
     /// Force per volt, N/V, or in the units of the options.
     pub gain: Option<f64>,
-    /// k_t of the equation gain = k_t k_amp / r_c, N m/A.
+    /// k_t of gain = k_t k_amp / r_c, N m/A.
     pub torque_constant: Option<f64>,
-    /// k_amp of the same equation, A/V.
+    /// k_amp of gain = k_t k_amp / r_c, A/V.
     pub amplifier_gain: Option<f64>,
-    /// r_c of the same equation, m.
+    /// r_c of gain = k_t k_amp / r_c, m.
     pub drum_radius: Option<f64>,
     /// Mass of a weight that the motor holds, kg.
     pub calibration_mass: Option<f64>,
@@ -42,8 +42,8 @@ pub struct GainAsked {
 }
 
 impl GainAsked {
-    /// The source of the gain that the options give. If they give none, a rotary base scene has its own source. A log
-    /// with the force needs no source.
+    /// The source of the gain that the options give. If the options give no source, the source of a rotary base scene
+    /// is used. A log with the force needs no source.
     ///
     /// # Errors
     /// No source, several sources or an incomplete source is given, or the source does not fit the log.
@@ -173,7 +173,7 @@ impl Asked {
 /// the gain.
 ///
 /// # Errors
-/// A file is no record, the records have different kinds of commands, or an option does not fit them.
+/// A file is no record, the records have different kinds of commands, or an option does not fit the records.
 pub fn read_all(
     logs: &[PathBuf],
     (base, base_name): (&NamedScene, &str),

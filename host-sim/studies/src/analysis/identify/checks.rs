@@ -10,7 +10,7 @@ use crate::{range::refused, scene::ranges};
 
 /// Smallest travel of a record, counts.
 const FEWEST_COUNTS: f64 = 20.0;
-/// Largest distance of a position from a whole count, counts. It allows the rounding of printed numbers.
+/// Largest distance of a position from a whole count, counts. This tolerance allows the rounding of printed numbers.
 const OFF_GRID_MAX: f64 = 0.01;
 /// Smallest change of the voltage that excites the device, as a part of the limit.
 const EXCITATION_MIN: f64 = 1e-4;
@@ -148,7 +148,7 @@ const AROUND: usize = 50;
 const STAYS: usize = 5;
 
 /// Row (after the first) at which the residual makes a lasting step, and the size of the step, counts. A force cannot
-/// cause such a step.
+/// cause a step of the position.
 pub(super) fn step(residual_counts: &[f64]) -> Option<(usize, f64)> {
     let steps: Vec<f64> = residual_counts.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let middle = |rows: &[f64]| {
@@ -254,7 +254,7 @@ pub(super) fn after(
 }
 
 /// Refuses a latency below minus one row of `step_s`. A negative latency above this limit gives a warning, because
-/// noise or the log's time stamps can cause it.
+/// noise or the log's time stamps can cause a small negative value.
 pub(super) fn early(latency: &Estimate, step_s: f64) -> Result<String, String> {
     let found = with(latency, "s");
     if latency.high() < -step_s {

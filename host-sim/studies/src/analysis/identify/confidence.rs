@@ -1,13 +1,13 @@
 //! Confidence of the parameters: 95 % intervals from the residual.
 //!
-//! At the solution, a small error e of the positions changes an estimate by `sum of q(n) e(n)`, where q is its row of
-//! `(J' J)^-1 J'`. The variance of this sum is computed in two ways. The larger variance is used:
+//! At the solution, a small error e of the positions changes an estimate by `sum of q(n) e(n)`, where q is the
+//! estimate's row of `(J' J)^-1 J'`. The variance of this sum is computed in two ways. The larger variance is used:
 //!
-//! 1. From a model of the error: white noise plus the quantiser's sawtooth (see `residual`). The white noise has the
-//!    residual's variance minus that of the sawtooth. Over a random start within a count, two samples of the sawtooth
-//!    at x and y have the covariance `sum over h of cos(2 pi h (x - y)) / (2 pi^2 h^2)`, so that
-//!    `variance = s^2 sum q^2 + sum over h of a^(2 h^2) |sum q(n) exp(2 pi i h x(n))|^2 / (2 pi^2 h^2)`. At rest the
-//!    sawtooth acts like a constant error of 1/sqrt(12) count, in motion like white noise.
+//! 1. From a model of the error: white noise plus the quantiser's sawtooth (see `residual`). The variance of the white
+//!    noise is the residual's variance minus the variance of the sawtooth. Over a random start within a count, two
+//!    samples of the sawtooth at x and y have the covariance `sum over h of cos(2 pi h (x - y)) / (2 pi^2 h^2)`, so
+//!    that `variance = s^2 sum q^2 + sum over h of a^(2 h^2) |sum q(n) exp(2 pi i h x(n))|^2 / (2 pi^2 h^2)`. At rest
+//!    the sawtooth acts like a constant error of 1/sqrt(12) count, in motion like white noise.
 //! 2. From the residual itself, with any correlation: Newey and West, Econometrica 55 (1987) 703, with the bandwidth of
 //!    Andrews, Econometrica 59 (1991) 817, for a first-order autoregression.
 
@@ -37,13 +37,13 @@ use crate::interrupt;
 
 /// Probability that an interval contains the true value.
 pub const CONFIDENCE: f64 = 0.95;
-/// Largest condition number of the scaled derivatives. Above it the parameters cannot be distinguished.
+/// Largest condition number of the scaled derivatives. With a larger number the parameters cannot be distinguished.
 const CONDITION_MAX: f64 = 1e8;
-/// An error message names a parameter if its component of the weakest direction is at least this part of the largest
-/// component.
+/// The weakest direction has a component for each parameter. An error message names a parameter if its component is at
+/// least this part of the largest component.
 const NAMED_SHARE: f64 = 0.3;
 
-/// A hidden term widens an interval if it could move the value by more than this number of half-widths.
+/// A hidden term widens an interval if the term could move the value by more than this number of half-widths.
 const FAR_OUTSIDE: f64 = 3.0;
 
 /// A value and its 95 % interval.
@@ -56,7 +56,7 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// A given value. Its interval has the width 0.
+    /// A given value, with an interval of width 0.
     pub fn given(value: f64) -> Self {
         Self { value, half_width: 0.0, white_half_width: 0.0 }
     }
@@ -124,7 +124,7 @@ impl Estimates {
         self.follow(&before);
     }
 
-    /// Widens the joint error by the same factors as the intervals since `before`.
+    /// Widens the joint error by the factors by which the intervals have grown since `before`.
     fn follow(&mut self, before: &Self) {
         let wider = self.numbers().into_iter().zip(before.numbers());
         for (deviation, wider) in self.joint.deviations.iter_mut().zip(wider) {
@@ -217,8 +217,8 @@ pub(super) struct Hidden {
     pub most: f64,
 }
 
-/// The estimates of a solution. A `hidden` parameter may have any size that the record allows. If it could move a value
-/// far outside its interval, the interval is widened to contain this change.
+/// The estimates of a solution. A `hidden` parameter may have any size that the record allows. If this parameter could
+/// move a value far outside the interval of the value, this interval is widened to contain the change.
 ///
 /// # Errors
 /// The record cannot distinguish some parameters, or `stop` was set. The message names these parameters.

@@ -1,10 +1,10 @@
 //! Finds the cycle of the encoder's error: the strongest period of the residual over the position.
 //!
-//! The residual is averaged in bins of the position. Then its spectrum over the position is computed. The error of an
-//! encoder is a line in this spectrum. Friction, noise and quantisation make no line. Each line is compared with the
-//! median of its neighbours, so that the broad spectrum of a coloured residual is not taken for a line. The shortest
-//! cycle is eight counts. It is also at least twice the longest distance between successive rows, because of aliasing.
-//! The longest cycle is a quarter of the travel.
+//! The residual is averaged in bins of the position. Then the spectrum of these averages over the position is computed.
+//! The error of an encoder is a line in this spectrum. Friction, noise and quantisation make no line. Each line is
+//! compared with the median of its neighbours, so that the broad spectrum of a coloured residual is not mistaken for a
+//! line. The shortest cycle is eight counts, and at least twice the longest distance between successive rows, because
+//! of aliasing. The longest cycle is a quarter of the travel.
 
 use super::fit::Fitted;
 use crate::numerics::fft::RealSpectrum;

@@ -1,9 +1,9 @@
 //! Least squares over all parameters and all records at once.
 //!
-//! The parameters are m, b, the gain, the latency and the terms of [`super::terms`]. With a spring, they also include k
-//! and c = k (x0 - reference). Then follow position and speed of each record at its first fitted row. Residual and
-//! model are in metres. Without friction, lag and encoder error the derivatives are exact. Otherwise they are
-//! differences of the exact motion.
+//! The parameters are m, b, the gain, the latency and the terms of [`super::terms`]. With a spring, k and c = k (x0 -
+//! reference) are also parameters. Position and speed of each record at its first fitted row come last. Residual and
+//! model are in metres. Without friction, lag and encoder error the derivatives are exact. Otherwise the derivatives
+//! are differences of the exact motion.
 
 use std::{
     f64::consts::TAU,
@@ -28,7 +28,7 @@ use super::{
     weighting::Weighting,
 };
 
-/// Evaluations per parameter before the solver gives up. It usually needs about five in all.
+/// Evaluations per parameter before the solver gives up. The solver usually needs about five evaluations in total.
 const PATIENCE: usize = 50;
 /// Evaluations per parameter with terms. The limit is lower, because failed searches are frequent and each evaluation
 /// takes longer.
@@ -40,9 +40,10 @@ const FAR: f64 = 1e100;
 
 /// Change of a parameter for a derivative by differences, as a part of its resolution.
 const DIFFERENCE: f64 = 1e-6;
-/// The same factor if the motion is computed in short stretches.
+/// The same change if the motion is computed in short stretches.
 const DIFFERENCE_CURVED: f64 = 1e-4;
-/// Number of times that derivatives are computed again as differences over the standard errors.
+/// Number of times that derivatives are computed again as differences. For these differences, the parameters change by
+/// their standard errors.
 const SECANTS: usize = 6;
 /// Relative change below which two sets of derivatives count as equal.
 const SECANT_SAME: f64 = 0.02;
@@ -144,7 +145,7 @@ impl Problem<'_> {
         (sane && self.values.vector().iter().all(|value| value.is_finite())).then_some(reduced)
     }
 
-    /// The model at each fitted row of a record; `None` if it is not finite or the mass is not positive.
+    /// The model at each fitted row of a record; `None` if the model is not finite or the mass is not positive.
     fn points(&self, index: usize) -> Option<Vec<Point>> {
         let reduced = self.sane(index)?;
         let points = response(self.records[index].record, self.records[index].first, &reduced);
@@ -259,9 +260,9 @@ impl Problem<'_> {
         self.difference(&self.stacked()?, place, self.differences()[place])
     }
 
-    /// Continues to the minimum by Gauss-Newton steps. The derivatives are taken over the standard errors, because
-    /// derivatives at one point fail where the model has kinks. Returns the derivatives at the minimum; `None` if no
-    /// minimum is reached. With `is_done`, the last derivatives are returned in this case.
+    /// Continues to the minimum by Gauss-Newton steps. The derivatives are differences over a change of one standard
+    /// error, because derivatives at one point fail where the model has kinks. Returns the derivatives at the minimum;
+    /// `None` if no minimum is reached. With `is_done`, the last derivatives are returned instead of `None`.
     fn polish(&mut self, is_done: bool) -> Option<DMatrix<f64>> {
         let mut residual = self.residuals()?;
         let mut jacobian = self.by_differences()?;
@@ -311,8 +312,9 @@ impl Problem<'_> {
         jacobian
     }
 
-    /// Differences over the standard errors of `jacobian`, along its principal axes. Stick and slip of friction give
-    /// the model several kinks within an interval. So the derivative at one point does not represent the interval.
+    /// Derivatives as differences over a change of one standard error, along the principal axes of `jacobian`. Stick
+    /// and slip of friction give the model several kinks within an interval. So the derivative at one point does not
+    /// represent the interval.
     fn secants(&self, jacobian: &DMatrix<f64>, deviation_m: f64) -> Option<DMatrix<f64>> {
         let scales: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
         let mut scaled = jacobian.clone();
@@ -502,7 +504,7 @@ pub(super) fn deviation(jacobian: &DMatrix<f64>, place: usize) -> f64 {
     least_squares_step(&others, &own).map_or(0.0, |step| 1.0 / (own - others * step).norm())
 }
 
-/// The Gauss-Newton step. Subtract it from the values.
+/// The Gauss-Newton step. To move to the minimum, subtract this step from the values.
 fn least_squares_step(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
     let mut scaled = jacobian.clone();
     let scales: Vec<f64> =

@@ -52,7 +52,8 @@ pub(super) fn without_mass(
     (drive > 0.0).then_some(explained)
 }
 
-/// Numbers of windows in a record. Short windows suit devices that oscillate or turn often. Long windows reduce noise.
+/// Numbers of windows in a record. Short windows suit devices that oscillate or reverse often. Long windows reduce
+/// noise.
 pub(super) const WINDOWS: [usize; 3] = [400, 100, 25];
 /// Fewest rows of a window.
 const WINDOW_ROWS: usize = 12;

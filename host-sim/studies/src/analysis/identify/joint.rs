@@ -13,7 +13,7 @@ use crate::scene::{Scene, Uncertainty};
 /// Number of a device's parameters, in the order of [`Uncertainty::NAMES`]. The latency is in seconds.
 pub(super) const NUMBERS: usize = Uncertainty::NAMES.len();
 
-/// Standard deviations and correlations of the fitted parameters; 0 for the others.
+/// Standard deviations and correlations of the fitted parameters; 0 for all other parameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Joint {
     /// Standard deviations: the half-widths divided by `confidence::quantile`.
@@ -163,8 +163,8 @@ mod tests {
     use super::*;
     use crate::scene::NamedScene;
 
-    /// A given gain is uncertain. The proportional parameters of a drawn device have the same relative error as its
-    /// gain.
+    /// A given gain is uncertain. In a drawn device, the parameters that are proportional to the gain have the relative
+    /// error of the gain.
     #[test]
     fn what_scales_with_a_given_gain_errs_with_it() {
         let made = NamedScene::load("paper-1um").unwrap().scene;

@@ -109,12 +109,12 @@ pub(super) struct Included {
 }
 
 impl Included {
-    /// Whether the model is linear, as in the paper. Its derivatives are exact.
+    /// Whether the model is linear, as in the paper. The derivatives of a linear model are exact.
     pub(super) fn plain(self) -> bool {
         !(self.friction || self.lag || self.phase || self.cogging)
     }
 
-    /// Whether friction falls with the speed, or there is cogging. Then one step of the motion is not exact.
+    /// Whether friction falls with the speed, or there is cogging. If so, one step of the motion is not exact.
     pub(super) fn is_curved(self) -> bool {
         self.stribeck || self.cogging
     }
@@ -182,7 +182,7 @@ impl Layout {
     }
 }
 
-/// The values of a layout's parameters. [`within`](Self::within) converts them to another layout.
+/// The values of a layout's parameters. [`within`](Self::within) converts the values to another layout.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Values {
     layout: Layout,

@@ -78,8 +78,9 @@ fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
     if found.drive == Drive::Voltage {
         scene.actuator.gain_n_per_v = found.gain_n_per_v.value;
     }
-    // A given latency belongs to the log. For example, it is 0 for a voltage measured at the motor. The latency of the
-    // loop is different. With a latency that is too short, the scene would allow walls that the device cannot render.
+    // Only a fitted latency is put into the scene. A given latency belongs to the log: for example, it is 0 if the
+    // voltage was measured at the motor. The latency of the control loop may be longer. With a latency that is too
+    // short, the scene would allow walls that the device cannot render.
     if options.fit_latency {
         scene.actuator.latency = found.latency_s.value * scene.control.rate_hz;
     }
@@ -91,8 +92,8 @@ fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
     with_terms(scene, &found.terms)
 }
 
-/// Adds the terms as elements of the scene. If an element needs an integrator, the scene gets one with as few steps as
-/// possible.
+/// Adds the terms as elements of the scene. If an element needs an integrator, the scene gets an integrator with as few
+/// steps as possible.
 fn with_terms(mut scene: Scene, terms: &Found) -> Scene {
     if let Some(friction) = terms.friction_n {
         let coulomb_n = friction.value;

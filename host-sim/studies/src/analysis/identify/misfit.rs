@@ -1,15 +1,16 @@
 //! Checks whether the residual agrees with the model.
 //!
 //! A residual from noise is white (Ljung and Box, `residual`). A residual from quantisation is not white, even if the
-//! model is right. So it is compared with [`COPIES`] simulated residuals, the copies. For a copy, the modelled motion
-//! starts at a random point within a count. Noise is added, with a standard deviation that is estimated from the
-//! sawtooth. The sum is quantised. The part that a fit would remove is subtracted.
+//! model is right. So the residual is compared with [`COPIES`] simulated residuals, the copies. For a copy, the
+//! modelled motion starts at a random point within a count. Noise is added, with a standard deviation that is estimated
+//! from the sawtooth. The sum is quantised. The part that a fit would remove is subtracted.
 //!
 //! Three measures are compared: the mean square, the mean square of the means over [`BLOCKS`] stretches, and the mean
 //! square with the weights of the fit. The third measure is necessary, because a long rest hides the motion in the
-//! first two. The copies give the mean and the standard deviation of the logarithm of each measure. The residual is too
-//! large, or too coloured, if two conditions hold. The logarithm of its measure is more than [`BEYOND`] standard
-//! deviations above the mean. Its measure is more than [`WORTH`] times the measure of every copy.
+//! first two measures. The copies give the mean and the standard deviation of the logarithm of each measure. The
+//! residual is too large, or too coloured, if two conditions are true. First, the logarithm of its measure is more than
+//! [`BEYOND`] standard deviations above the mean. Second, the measure is more than [`WORTH`] times the measure of every
+//! copy.
 
 use nalgebra::DVector;
 
@@ -42,8 +43,8 @@ fn noise_counts(residual: &Residual) -> f64 {
     (-coherence.ln() / 2.0).sqrt() / std::f64::consts::PI
 }
 
-/// The misfit of a residual from quantisation; `None` if it agrees with the model. `left` returns the part of row
-/// errors that a fit does not remove. `weights` are the weights of the fit.
+/// The misfit of a residual from quantisation; `None` if the residual agrees with the model. `left` returns the part of
+/// row errors that a fit does not remove. `weights` are the weights of the fit.
 pub(super) fn misfit(
     weighed: &Weighed,
     weights: Option<&DVector<f64>>,

@@ -72,8 +72,8 @@ fn vibration(records: &[Fitted<'_>], model: &Model) -> Option<(f64, f64)> {
     let all: f64 = powers.iter().sum();
     let hz = |place: usize| place as f64 / (spectrum.length() as f64 * fitted.record.step_s);
     let place = (1..powers.len()).max_by(|a, b| powers[*a].total_cmp(&powers[*b]))?;
-    // The line of a decaying vibration is as wide as its decay. So the power within a tenth of its frequency on both
-    // sides is added.
+    // The line of a vibration in the spectrum is wide if the vibration decays fast. So the power within a tenth of the
+    // frequency on both sides is added.
     let reach = (place / 10).max(2);
     let near = powers[place.saturating_sub(reach).max(1)..(place + reach).min(powers.len())].iter();
     let share = near.sum::<f64>() / all;

@@ -6,8 +6,8 @@
 //! ```
 //! Mass, damping, stiffness, rest position and the initial state of each record are fitted. If a second record has a
 //! known added mass, the gain is fitted too. The latency is fitted on request. A quantiser that rounds down has a mean
-//! error of half a count, which is corrected. The intervals include the rest of its error (`residual`). A record
-//! without sufficient information is refused with the reason. `docs/identification.md` is the page for users.
+//! error of half a count, which is corrected. The intervals include the rest of the quantiser's error (`residual`). A
+//! record without sufficient information is refused with the reason. `docs/identification.md` is the page for users.
 
 mod asked;
 mod checks;
@@ -61,14 +61,14 @@ use search::{Model, Search};
 
 /// If the latency is fitted, the first fitted row is later by this time, s.
 const LATENCY_ROOM_S: f64 = 0.01;
-/// A residual above this multiple of the RMS is an outlier. Gaussian noise exceeds it in one of 10^10 rows.
+/// A residual above this multiple of the RMS is an outlier. Gaussian noise exceeds this multiple in one of 10^10 rows.
 const OUTLIER: f64 = 6.5;
 
 /// Known values and options of an identification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     pub gain: Gain,
-    /// Time from a row to the effect of its voltage, s. If the latency is fitted, this is its first value.
+    /// Time from a row to the effect of its voltage, s. If the latency is fitted, the fit begins with this value.
     pub latency_s: f64,
     pub fit_latency: bool,
     pub spring: bool,
@@ -79,8 +79,8 @@ pub struct Options {
     pub limit_v: f64,
     /// Terms in addition to mass, damping and spring.
     pub terms: Terms,
-    /// Rest position of the spring without any other force, m, if known. If it is unknown, x0 includes the effect of a
-    /// constant force.
+    /// Rest position of the spring without any other force, m, if known. If the rest position is unknown, the fitted x0
+    /// includes the effect of a constant force.
     pub rest_position_m: Option<f64>,
     /// Travel per cycle of the encoder's signals, m, if known.
     pub cycle_m: Option<f64>,
@@ -280,7 +280,7 @@ fn first_values(
             guesses.push(guess);
             continue;
         }
-        // If friction holds the handle for a while, integrals over this time are wrong. So only windows in motion are
+        // Integrals over a time in which friction holds the handle at rest are wrong. So only windows in motion are
         // used.
         let held = options.terms.may_have_friction();
         let mut windows = guess::WINDOWS.into_iter().filter(|_| held).filter_map(|windows| {

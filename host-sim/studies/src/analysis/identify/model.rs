@@ -3,11 +3,12 @@
 //! ```text
 //! x'' = -w x - d x' + g u + o       w = k / m, d = b / m, g = gain / m, o = k x0 / m
 //! ```
-//! x is measured from a reference position near the record. u is the voltage, delayed by the latency. Between its
-//! changes it is constant, so a step of the state is exact ([`discretise`]). The derivatives by w and d have the same
-//! equation with inputs -x and -x'. They are additional states of the same exact step. g, o and the initial state enter
-//! linearly, so their derivatives are unit responses. The derivative by the latency is minus the speed of the response
-//! to u. The first voltage acts at the first row for any latency, so its part of this speed is subtracted.
+//! x is measured from a reference position near the record. u is the voltage, delayed by the latency. u is constant
+//! between its changes, so a step of the state is exact ([`discretise`]). The derivatives by w and d have the same
+//! equation with inputs -x and -x'. These derivatives are additional states of the same exact step. g, o and the
+//! initial state enter linearly, so their derivatives are unit responses. The derivative by the latency is minus the
+//! speed of the response to u. The first voltage acts at the first row for any latency, so the part of the first
+//! voltage is subtracted from this speed.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -29,7 +30,7 @@ pub(super) struct Reduced {
     pub x: f64,
     /// Speed at the first fitted row, m/s.
     pub v: f64,
-    /// Time from a row to the effect of its voltage, rows. A search may make it negative.
+    /// Time from a row to the effect of its voltage, rows. A search may try negative values.
     pub latency: f64,
 }
 

@@ -6,14 +6,14 @@
 //! at rest while |a - w x + o| <= f
 //! ```
 //! Two terms make the equation nonlinear: cogging, and friction that falls with the speed, `f + rise exp(-(x' /
-//! fall)^2)`. The motion is then computed in stretches, which are short compared with the pitch and the Stribeck speed.
-//! Over a stretch, both accelerations are constant, with the value in its middle. The error is of second order in the
-//! length of the stretch.
+//! fall)^2)`. With these terms, the motion is computed in short stretches. Over a stretch, position and speed change
+//! little compared with the pitch and the Stribeck speed. The acceleration by each term is constant over a stretch,
+//! with its value in the middle of the stretch. The error is of second order in the length of the stretch.
 //!
 //! u is constant between its changes, so a stretch in one direction is one exact step. If the speed changes its sign
 //! within a step, bisection and Newton's method on the exact solution find the instant. If a handle at rest breaks
-//! away, the closed form of a gives the instant. So, between these events, the response is a smooth function of the
-//! parameters. Small differences give its derivatives ([`super::fit`]).
+//! away, the closed form of `a` gives the instant. So, between these events, the response is a smooth function of the
+//! parameters. Small differences give the derivatives of the response ([`super::fit`]).
 
 use nalgebra::{SMatrix, SVector};
 
@@ -105,7 +105,7 @@ impl Motion {
         Step { seconds, phi, drive, constant }
     }
 
-    /// A step. If a nonlinear force needs them, its half, quarter and so on follow.
+    /// The exact step over `seconds`. With a nonlinear force, also the exact steps over a half, a quarter and so on.
     fn steps(&self, seconds: f64) -> Vec<Step> {
         let is_curved = self.stribeck.is_some() || self.cogging.is_some();
         let levels = if is_curved { LEVELS } else { 1 };
@@ -153,7 +153,7 @@ impl Motion {
         linear + at(state[0] + half * v, v + half * (rate + at(state[0], v)))
     }
 
-    /// Number of halvings of a step until the nonlinear forces are nearly constant over it.
+    /// Number of halvings until the nonlinear forces are nearly constant over the shortened step.
     fn halvings(&self, state: &State, sign: f64, seconds: f64) -> usize {
         let rate = (self.net(state) - self.d * state[1] - sign * self.friction).abs();
         let v = state[1].abs();
@@ -175,7 +175,8 @@ impl Motion {
         if net.abs() <= self.holding() { Mode::Rest } else { Mode::Slides(net.signum()) }
     }
 
-    /// State and mode after one step with `volts`. `steps` has the step and its halves.
+    /// State and mode after one step with `volts`. `steps` has the exact steps over the whole time, a half, a quarter
+    /// and so on.
     fn advance(&self, steps: &[Step], state: State, mode: Mode, volts: f64) -> (State, Mode) {
         let drive = self.gain * volts;
         let step = &steps[0];

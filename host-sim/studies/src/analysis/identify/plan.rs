@@ -1,12 +1,12 @@
-//! Designs an excitation for an identification. It consists of pulses of a board that show mass, damping and spring,
-//! within the limits of travel, speed and duty.
+//! Designs an excitation for an identification. The excitation consists of pulses of a board that show mass, damping
+//! and spring, within the limits of travel, speed and duty.
 //!
-//! The board's pulse train ([`pulse_train`]) does this four times: it moves the handle to the start, pushes it, and
-//! releases it. The force is as large as four limits allow:
+//! The board's pulse train ([`pulse_train`]) moves the handle to the start, pushes the handle and releases it, four
+//! times. The force is as large as four limits allow:
 //!
 //! - The simulated excursion of each pulse is at most [`OF_TRAVEL`] of the distance to the nearer end.
-//! - Its speed is at most [`OF_SPEED`] of the speed limit.
-//! - Its force is at most [`OF_FULL`] of full scale.
+//! - The speed of each pulse is at most [`OF_SPEED`] of the speed limit.
+//! - The force of each pulse is at most [`OF_FULL`] of full scale.
 //! - The mean square of all forces is within the motor's limit.
 
 use serde::Serialize;

@@ -20,9 +20,9 @@ pub struct Planned {
     pub force_rms_n: f64,
     /// Continuous force of the motor.
     pub continuous_force_n: f64,
-    /// Guessed values of limits that the scene does not have, in its units.
+    /// Guessed values of limits that the scene does not have, in the scene's units.
     pub guessed: Vec<String>,
-    /// The lines for the console, in the scene's units. `cargo board run` accepts them too.
+    /// The lines for the console, in the scene's units. `cargo board run` accepts these lines too.
     pub console: Vec<String>,
 }
 

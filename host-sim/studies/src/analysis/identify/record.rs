@@ -10,7 +10,7 @@ use crate::{
 
 /// Smallest number of rows in a record.
 pub const FEWEST_ROWS: usize = 100;
-/// Largest number of rows in a record: 100 s at 10 kHz. An identification then takes half a minute.
+/// Largest number of rows in a record: 100 s at 10 kHz. An identification with so many rows takes half a minute.
 pub const MOST_ROWS: usize = 1_000_000;
 /// Largest deviation of a time stamp from an even grid, in steps. The limit allows time stamps with few digits.
 const JITTER_MAX: f64 = 0.1;
@@ -31,7 +31,7 @@ pub struct Record {
     pub start_s: f64,
     pub step_s: f64,
     pub drive: Drive,
-    /// Command of each row, V, N or A. It is constant until the next row.
+    /// Command of each row, V, N or A. The command is constant until the next row.
     pub command: Vec<f64>,
     /// Position at each row from the sensor, m.
     pub position_m: Vec<f64>,
@@ -47,7 +47,7 @@ pub(super) struct Row {
     pub position_m: f64,
 }
 
-/// Part of a record, in the time of the file's own stamps.
+/// Part of a record, between two time stamps of the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Span {
     /// First time, s; `None` for the beginning.
@@ -243,7 +243,7 @@ fn in_range(step_s: f64) -> Result<(), String> {
     }
 }
 
-/// The first step of about 2^16 counts with small steps before and after it: its line and its size.
+/// Line and size of the first step of about 2^16 counts between small steps.
 fn wrap(rows: &[Row], resolution_m: f64) -> Option<(usize, f64)> {
     let steps = rows.windows(2).map(|pair| {
         let moved_m = pair[1].position_m - pair[0].position_m;
@@ -351,7 +351,8 @@ mod tests {
         assert!(counts(signed, 1e-4).unwrap_err().starts_with("line 112: "));
         let down = |count: f64| (-count).rem_euclid(65_536.0);
         assert!(counts(down, 1e-4).unwrap_err().contains("goes by 65236 counts"));
-        // Not refused: a counter without wraps, a sensor without counts, and a handle that is always as fast.
+        // Three records are accepted: of a counter without wraps, of a sensor without counts, and of a handle that
+        // always moves at this speed.
         assert!(counts(|count| count, 1e-6).is_ok());
         assert!(counts(|count| 200.0 * count, 1e-9).is_ok());
         let text =

@@ -6,11 +6,12 @@
 //! ```
 //! Gaussian noise of s counts before the quantiser reduces harmonic h by the factor `a^(h^2)`, with `a = exp(-2 pi^2
 //! s^2)`. The rest of the error becomes white (Widrow and Kollar, "Quantization Noise", 2008, chapters 4 and 19). The
-//! factor a is the coherence. It is the residual's component along the first harmonic, and is measured in blocks of
-//! rows. Blocks are necessary, because the fit follows the sawtooth where the handle rests. Then, where the handle
-//! moves, the model is wrong by a slowly varying part of a count. Even and odd rows of a block have the same sawtooth
-//! and independent noise. So the mean product of their amplitudes is a^2 without a bias. If a large part of the
-//! sawtooth remains, the residual is bound by quantisation. Then it is not white, even if the model is right.
+//! factor a is the coherence. The coherence is the residual's component along the first harmonic, and is measured in
+//! blocks of rows. Blocks are necessary, because the fit follows the sawtooth where the handle rests. As a result,
+//! where the handle moves, the model is wrong by a slowly varying part of a count. Even and odd rows of a block have
+//! the same sawtooth and independent noise. So the mean product of their amplitudes is a^2 without a bias. If a large
+//! part of the sawtooth remains, the residual is bound by quantisation. A residual that is bound by quantisation is not
+//! white, even if the model is right.
 
 use std::f64::consts::{PI, TAU};
 
@@ -32,11 +33,12 @@ const MOVING: f64 = 0.05;
 const BLOCK: usize = 128;
 /// Smallest number of moving blocks to measure the coherence. With fewer blocks the coherence is set to 1.
 const FEWEST_BLOCKS: usize = 4;
-/// Smallest coherence of a residual that is bound by quantisation. Then the noise is below 0.28 counts RMS.
+/// Smallest coherence of a residual that is bound by quantisation. With a larger coherence, the noise is below 0.28
+/// counts RMS.
 const BOUND: f64 = 0.2;
-/// The squared coherence of such a residual must be this number of standard errors above 0.
+/// The squared coherence of a residual that is bound by quantisation must be this number of standard errors above 0.
 const CERTAIN: f64 = 4.0;
-/// Unit of residuals for a sensor without counts, as a part of the motion. It keeps the values near 1.
+/// Unit of residuals for a sensor without counts, as a part of the motion. This unit keeps the values near 1.
 const UNIT_SHARE: f64 = 1e-6;
 /// Number of sawtooth harmonics.
 pub(super) const HARMONICS: u32 = 64;
@@ -84,7 +86,8 @@ impl Weighed {
         } else {
             UNIT_SHARE * motion(records)
         };
-        // The edges of a floor quantiser are at whole counts. The edges of a rounding quantiser are between them.
+        // The edges of a floor quantiser are at whole counts. The edges of a rounding quantiser are halfway between
+        // whole counts.
         let edge = if options.rounding == Rounding::Round { 0.5 } else { 0.0 };
         let mut top = 0;
         let mut counted = vec![];
@@ -152,7 +155,7 @@ impl Residual {
         squared >= BOUND.powi(2).max(CERTAIN * self.coherence_squared_error)
     }
 
-    /// Squared share of harmonic h of the sawtooth. Two standard errors of the squared coherence are added before.
+    /// Squared share of harmonic h of the sawtooth. First, two standard errors are added to the squared coherence.
     pub(super) fn harmonic_squared(&self, h: u32) -> f64 {
         let squared = self.coherence.powi(2) + 2.0 * self.coherence_squared_error;
         squared.min(1.0).powi((h * h).cast_signed())
@@ -209,7 +212,7 @@ mod tests {
     use super::*;
     use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 
-    /// Residual of a quantised sweep with noise, and positions, both in counts.
+    /// Residual and positions of a quantised sweep with noise, in counts.
     fn swept(noise: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         let position: Vec<f64> = (0..20_000).map(|n| 1e-3 * f64::from(n).powf(1.7)).collect();

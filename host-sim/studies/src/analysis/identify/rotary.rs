@@ -1,4 +1,4 @@
-//! The scene of an identified rotary device. It keeps its rotary keys. Some get new values.
+//! The scene of an identified rotary device. The scene keeps its rotary keys. Some of these keys get new values.
 
 use toml::{Table, Value};
 

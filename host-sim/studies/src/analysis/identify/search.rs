@@ -1,8 +1,8 @@
 //! Selects the terms of the model: forward selection with the test of [`super::terms`].
 //!
-//! Forward: among the terms that pass the test, the search adds the term that leaves the smallest residual. It repeats
-//! this until no term passes. The encoder's error is tried after all other terms. Backward: the search removes a term
-//! that no longer passes beside the others.
+//! Forward: among the terms that pass the test, the search adds the term that leaves the smallest residual. The search
+//! repeats this until no term passes. The encoder's error is tried after all other terms. Backward: the search removes
+//! a term that no longer passes the test when the other terms are in the model.
 
 use std::{cell::OnceCell, f64::consts::TAU};
 
@@ -28,13 +28,13 @@ use super::{
 const FRICTION_STARTS: [f64; 3] = [0.02, 0.08, 0.2];
 /// First values of the lag, rows.
 const LAG_STARTS: [f64; 2] = [0.5, 3.0];
-/// First values of the Stribeck curve. First the Stribeck speed, as parts of the largest speed over [`FAST_ROWS`]. Then
-/// the rise, as a part of Coulomb friction.
+/// First values of the Stribeck curve. `FALLS` are values of the Stribeck speed, as parts of the largest speed over
+/// [`FAST_ROWS`]. `RISE` is the rise, as a part of Coulomb friction.
 const FALLS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const RISE: f64 = 0.2;
 const FAST_ROWS: usize = 8;
 /// Largest part of the sum of squares that a model with a curve may leave. A curve also follows other missing effects.
-/// A curve that leaves more counts only if the model then explains the residual.
+/// A curve that leaves a larger part is only accepted if the model with this curve explains the residual.
 const CURVE_LEAVES: f64 = 0.25;
 /// Amplitude of a force that is tried, as a part of the largest command.
 const SMALL_FORCE: f64 = 1e-4;
@@ -47,7 +47,7 @@ const PROFILE_STEPS: usize = 10;
 /// Number of starts from which a fit is made.
 const STARTS_TAKEN: usize = 3;
 /// Limit for the ratio of forces if the stride doubles. A force from position noise falls to 1/4. A white force falls
-/// by the root of 2. The limit is between both.
+/// by the root of 2. The limit is between these two ratios.
 const STILL_NOISE: f64 = 0.5;
 /// Rows of the shortest record, divided by the longest stride.
 const STRIDES: usize = 20;
@@ -123,14 +123,14 @@ impl Model {
 }
 
 /// The terms that a record can show. The offset is only a candidate if the rest position is known or there is no
-/// spring. Otherwise the rest position includes the offset.
+/// spring. In all other cases the rest position includes the offset.
 fn candidates(layout: &Layout) -> Vec<Term> {
     let offset = layout.rest_m.is_some() || !layout.spring;
     Term::ALL.into_iter().filter(|term| *term != Term::Offset || offset).collect()
 }
 
-/// The model of the records. The search begins with first values of the plain model. It adds the terms that `options`
-/// request, or the terms that the records show.
+/// The model of the records. The search begins with first values of the plain model. The search adds the terms that
+/// `options` request, or the terms that the records show.
 ///
 /// # Errors
 /// One line: no model describes the records, or the records cannot distinguish parameters.
@@ -195,7 +195,7 @@ impl Search<'_> {
         if let Some(model) = self.with_all(asked, values, plain) {
             return Ok(model);
         }
-        // The term that is least necessary. Without it, the others leave the smallest residual.
+        // The term that is least necessary. Without this term, the other terms leave the smallest residual.
         let without = |one: Term| {
             let others = self.with_all(|term| asked(term) && *term != one, values, plain)?;
             Some((one, others.squares()))
@@ -265,8 +265,8 @@ impl Search<'_> {
             let terms = gone.add(model.layout().terms, false);
             model = self.fit(Layout { terms, ..*model.layout() }, model.values(), 1.0)?;
         }
-        // Friction is in every device. If friction explains the record as well as such a term, the term is not
-        // reported.
+        // Friction is in every device. If friction explains the record as well as an amplifier or offset term, this
+        // term is not reported.
         let others = [Term::Amplifier, Term::Offset].into_iter();
         for term in others.filter(|_| !model.layout().terms.friction) {
             if !term.is_in(model.layout().terms) {
@@ -404,7 +404,7 @@ impl Search<'_> {
     }
 
     /// Whether a delay can replace the amplifier's lag with an equal residual. Returns the latency of this fit, rows.
-    /// `None` if the record distinguishes both, or if the latency is fitted.
+    /// `None` if the record distinguishes delay and lag, or if the latency is fitted.
     pub(super) fn delay_instead(&self, model: &Model) -> Option<f64> {
         let layout = *model.layout();
         let latency_s = layout.latency_s.filter(|_| layout.terms.lag)?;
@@ -479,7 +479,7 @@ impl Search<'_> {
         promised.is_finite().then_some(promised)
     }
 
-    /// The same fit, weighted by the force that the model does not have.
+    /// The same fit. Its weights convert the residual to the force that is missing in the model.
     fn by_force(&mut self, mut model: Model, values: &Values) -> Result<Model, String> {
         let most = self.records.iter().map(Fitted::rows).min().unwrap_or(0) / STRIDES;
         let is_auto = self.options.terms == Terms::Auto;
@@ -511,7 +511,7 @@ impl Search<'_> {
         Ok(model)
     }
 
-    /// The same fit, weighted by the missing force over `stride` rows.
+    /// The same fit. Its weights convert the residual to the missing force over `stride` rows.
     fn by_stride(&self, model: &Model, stride: usize) -> Result<Model, String> {
         let search = Search { weighting: self.force(model, stride), ..*self };
         let mut layout = *model.layout();
@@ -523,7 +523,7 @@ impl Search<'_> {
         search.fit(layout, model.values(), model.cycles)
     }
 
-    /// The weighting by the force that is missing in a model.
+    /// The weighting that converts a residual to the force that is missing in the model.
     fn force(&self, model: &Model, stride: usize) -> Weighting {
         let motion = self.problem(model.values().clone()).motion(0);
         Weighting::of_force(&motion, self.records[0].record.step_s, stride)
@@ -535,7 +535,7 @@ impl Search<'_> {
         model.without(&errors.component_mul(&weights)).component_div(&weights)
     }
 
-    /// Weights of the rows, if they differ.
+    /// Weights of the rows, if the weights differ.
     fn weights(&self) -> Option<DVector<f64>> {
         let Weighting::Readings(weights) = &self.weighting else { return None };
         Some(DVector::from_vec(weights.concat()))
@@ -567,7 +567,7 @@ impl Search<'_> {
             return Ok(());
         }
         let layout = *model.layout();
-        // A handle at rest in friction would start to move with a larger offset.
+        // An offset is at most the friction, because a larger offset would move a handle at rest.
         let [friction_n, _] = model.values().slow();
         let most_n = if layout.terms.friction { friction_n } else { f64::INFINITY };
         let hidden = candidates(&layout).into_iter().filter_map(|term| {
@@ -586,10 +586,10 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Widens the intervals by the profile of the likelihood. With friction the model has kinks. The parameters that
-    /// explain a record then lie along a curve. Derivatives at one point do not show this curve. So the parameter with
-    /// the largest uncertainty is changed in steps, and all others are fitted again. Each interval is widened to
-    /// contain all values that explain the record as well.
+    /// Widens the intervals by the profile of the likelihood. With friction the model has kinks. So the sets of
+    /// parameters that explain a record lie along a curve. Derivatives at one point do not show this curve. So the
+    /// parameter with the largest uncertainty is changed in steps, and all other parameters are fitted again. Each
+    /// interval is widened to contain all values that explain the record as well as the fitted values.
     fn hold_profile(&self, model: &mut Model) {
         if !model.layout().terms.friction {
             return;
@@ -642,7 +642,8 @@ impl Search<'_> {
             let mut forces = vec![];
             for (record, piece) in pieces.iter().enumerate() {
                 let mut own = weighting.weighed(record, piece.residual.to_vec());
-                // The force is a mean with triangular weights around the row one stride earlier.
+                // Each force is a mean with triangular weights. The middle of these weights is one stride before the
+                // row.
                 own.drain(..own.len().min(stride));
                 own.iter_mut().take(stride).for_each(|force| *force = 0.0);
                 own.resize(piece.residual.len(), 0.0);
@@ -708,8 +709,8 @@ impl Search<'_> {
         if held == layout { problem.values } else { values.within(held) }
     }
 
-    /// Bit set of the records in which friction holds the handle at the first row. There the handle slides less than a
-    /// count.
+    /// Bit set of the records in which friction holds the handle at the first row. In these records, the fitted speed
+    /// at the first row would let the handle slide by less than a count.
     fn resting(&self, problem: &Problem<'_>) -> u64 {
         let least_m = self.options.resolution_m.max(1e-9);
         let rests = |index: usize| {

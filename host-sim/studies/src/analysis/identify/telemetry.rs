@@ -44,8 +44,8 @@ struct Sent {
 }
 
 impl OutputScale {
-    /// The conversion for a scene, from sample rate, count, and volts of full scale. With an `[output]` table it uses
-    /// the codes of the output. Otherwise it uses the force before its rounding to codes.
+    /// The conversion for a scene, from sample rate, count, and volts of full scale. With an `[output]` table the codes
+    /// of the output are converted. Without this table, the force before the rounding to codes is converted.
     ///
     /// # Errors
     /// One line: an output of the scene is impossible.
@@ -114,7 +114,7 @@ pub fn from_capture(
     record(name, sent.collect(), scale, span, "frame")
 }
 
-/// Whether a text is a CSV of `telemetry --csv`: it has counts and no time.
+/// Whether a text is a CSV of `telemetry --csv`, which has counts and no time.
 pub(super) fn is_capture_csv(text: &str) -> bool {
     Table::new(text).is_ok_and(|table| {
         let header = table.header();

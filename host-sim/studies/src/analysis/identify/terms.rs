@@ -11,11 +11,11 @@
 //!
 //! **Test.** A model without a term is the model with the value 0. So the question is whether the value differs from 0.
 //! The test is a Wald test: the value divided by its standard error. The standard error is taken from the stated
-//! intervals ([`super::confidence`]). So it includes the residual's colour and the quantiser. For one parameter and
-//! many rows, this is the likelihood-ratio (F) test with the effective number of rows. Friction and lag cannot be
-//! negative, so their test is one-sided. For the phase, sine and cosine are tested together. The p-value is `exp(-z^2 /
-//! 2)` for each examined cycle. A term stays if its p-value is below [`FAMILY_P`] divided by the number of candidates
-//! (Bonferroni). [`super::search`] selects the terms.
+//! intervals ([`super::confidence`]). So the standard error includes the residual's colour and the quantiser. For one
+//! parameter and many rows, this is the likelihood-ratio (F) test with the effective number of rows. Friction and lag
+//! cannot be negative, so their test is one-sided. For the phase, sine and cosine are tested together. The p-value is
+//! `exp(-z^2 / 2)` for each examined cycle. A term stays if its p-value is below [`FAMILY_P`] divided by the number of
+//! candidates (Bonferroni). [`super::search`] selects the terms.
 
 use statrs::distribution::{ContinuousCDF as _, Normal};
 
@@ -24,7 +24,7 @@ use super::{
     layout::{Included, Parameter},
 };
 
-/// Probability that the model gets at least one wrong term, if the residual has the properties that the intervals
+/// Probability that the model gets at least one wrong term. The residual must have the properties that the intervals
 /// assume.
 pub const FAMILY_P: f64 = 0.002;
 
@@ -33,7 +33,7 @@ pub const FAMILY_P: f64 = 0.002;
 pub enum Term {
     /// Coulomb friction of the device.
     Friction,
-    /// Friction that falls from static to Coulomb friction. It needs [`Friction`](Self::Friction).
+    /// Friction that falls from static to Coulomb friction. This term needs [`Friction`](Self::Friction).
     Stribeck,
     /// First-order lag of the amplifier.
     Amplifier,
@@ -61,7 +61,7 @@ impl Term {
         }
     }
 
-    /// The parameter that is 0 without the term. The encoder's error has several parameters, and this is one of them.
+    /// The parameter that is 0 without the term. For the encoder's error, this is one of its amplitudes.
     pub(super) fn parameter(self) -> Parameter {
         match self {
             Self::Friction => Parameter::Friction,
@@ -73,7 +73,7 @@ impl Term {
         }
     }
 
-    /// Whether the term is periodic in the position. Its period must be found.
+    /// Whether the term is periodic in the position. The period of a periodic term must be found.
     pub(super) fn is_periodic(self) -> bool {
         matches!(self, Self::Cogging | Self::Phase)
     }
@@ -117,7 +117,7 @@ pub enum Terms {
     /// These terms, even if the record does not show them.
     These {
         friction: bool,
-        /// Static friction and Stribeck speed. It needs `friction`.
+        /// Static friction and Stribeck speed. This term needs `friction`.
         stribeck: bool,
         amplifier: bool,
         offset: bool,
@@ -216,7 +216,7 @@ pub struct Tested {
     pub term: Term,
     /// Value divided by its standard error.
     pub z: f64,
-    /// Probability of such a value if the true value is 0, for all candidates together.
+    /// Probability of a value this far from 0 if the true value is 0, for all candidates together.
     pub p: f64,
 }
 

@@ -65,7 +65,7 @@ impl Dice {
     }
 }
 
-/// A device with its drive. Its Coulomb friction may vary with the position.
+/// A device with its drive. The Coulomb friction of the device may vary with the position.
 struct Driven {
     mass_kg: f64,
     damping: f64,
@@ -309,7 +309,7 @@ fn gain(dice: &mut Dice) -> GainAsked {
     }
 }
 
-/// The result of a case. All its reports are made too.
+/// The result of a case. All reports of the result are made too.
 fn answer(case: u64) -> Result<Identification, Error> {
     let dice = &mut Dice::new(case);
     let base = NamedScene::load(dice.one(&BASES))?;
@@ -355,8 +355,8 @@ fn any_record_with_any_options_is_answered_or_refused() {
     assert!(answered * 20 > cases);
 }
 
-/// A knob in a speed loop. Its friction varies with its angle. The fit of the encoder's error once found that friction
-/// holds the knob at the first row, but continued with a layout that has a first speed.
+/// A knob in a speed loop. The friction of the knob varies with its angle. The fit of the encoder's error once found
+/// that friction holds the knob at the first row, but continued with a layout that has a first speed.
 #[test]
 fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     const RADIUS_M: f64 = AXIS_M;
@@ -408,7 +408,7 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     assert!(found.mass_kg.holds(inertia), "{:?} {inertia}", found.mass_kg);
 }
 
-/// A pulse on a mass with damper and spring, with noise. Its voltage may be written late.
+/// A pulse on a mass with damper and spring, with noise. In the record, the voltage is `late_rows` late.
 fn pulses(seed: u64, late_rows: usize) -> Record {
     const ROWS: usize = 2000;
     let scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -482,8 +482,9 @@ const AXIS_M: f64 = 0.02;
 const COUNT_RAD: f64 = std::f64::consts::TAU / 16_000.0;
 const GAIN_N_M_PER_V: f64 = 0.387;
 
-/// The exact motion of an axis with Coulomb friction. A proportional loop controls its speed, which is filtered at 100
-/// Hz. The loop ends at `stop`. The parameters are inertia, kg m^2, damping, N m s/rad, and friction, N m.
+/// The exact motion of an axis with Coulomb friction. A proportional loop controls the speed of the axis. The speed is
+/// filtered at 100 Hz. The loop ends at `stop`. The parameters are inertia, kg m^2, damping, N m s/rad, and friction, N
+/// m.
 fn axis([inertia, damping, friction]: [f64; 3], gain: f64, rows: usize, stop: usize) -> Record {
     fn advance([j, b, f]: [f64; 3], [x, v]: [f64; 2], torque: f64, left_s: f64) -> [f64; 2] {
         if v == 0.0 && torque.abs() <= f {
@@ -526,7 +527,7 @@ fn of_axis(record: &Record) -> Result<Identification, String> {
     identify(std::slice::from_ref(record), &options)
 }
 
-/// Checks that inertia, damping and friction of an axis are inside their intervals. Checks also that the fit finds no
+/// Checks that inertia, damping and friction of an axis are inside their intervals. Also checks that the fit finds no
 /// other term.
 fn holds(record: &Record, truth: [f64; 3]) {
     let found = of_axis(record).unwrap();
@@ -598,8 +599,8 @@ fn the_term_that_a_record_does_not_show_is_the_one_that_is_named() {
 }
 
 /// A device without a spring in open loop, integrated in steps of 2 us. The parameters are mass, damping, friction,
-/// rise of friction, speed of its fall, and amplitude and pitch of the cogging. Then follow the amplifier's third
-/// power, drag, and friction per metre.
+/// rise of friction, speed of its fall, and amplitude and pitch of the cogging. The second list has the amplifier's
+/// third power, drag, and friction per metre.
 fn rough(
     [mass, damping, friction, rise, fall, cogging, pitch]: [f64; 7],
     [cubic, drag, per_m]: [f64; 3],

@@ -1,20 +1,21 @@
 //! Weights of the rows of a residual.
 //!
 //! **Constant readings.** If the handle rests and the encoder has no noise, many rows have the same reading and the
-//! same error. They count as one reading. So if the residual comes from the quantiser, the weight of a row is 1 divided
-//! by the number of rows with its reading.
+//! same error. These rows count as one reading. So if the residual comes from the quantiser, the weight of a row is 1
+//! divided by the number of rows with the same reading.
 //!
-//! **Forces.** Some forces are not in the model, for example friction that is not Coulomb's. The mass integrates such a
-//! force twice. So the residual varies slowly and follows the command. In a closed loop the command also follows the
-//! residual. Then least squares is biased. So the residual is converted to the missing force. The device's own step
-//! over `stride` rows is `z(n + stride) = P z(n)`. With it,
+//! **Forces.** Some forces are not in the model, for example friction that is not Coulomb's. The mass integrates a
+//! missing force twice. So the residual varies slowly and follows the command. In a closed loop the command also
+//! follows the residual. In a closed loop, least squares is therefore biased. So the residual is converted to the
+//! missing force. The device's own step over `stride` rows is `z(n + stride) = P z(n)`. With this step,
 //! ```text
 //! e(n) - trace(P) e(n - stride) + det(P) e(n - 2 stride)
 //! ```
-//! is the missing force over two strides, with triangular weights. It does not depend on earlier forces. The weighted
-//! residual is a prediction error with a disturbance model at the input. It is also valid in a closed loop (Ljung,
-//! System Identification, 2nd edition, sections 4.2 and 13.4). With a short stride, noise of the positions dominates.
-//! With a long stride, no motion remains. The stride is the geometric mean of both limits.
+//! is the missing force over two strides, with triangular weights. This missing force does not depend on earlier
+//! forces. The weighted residual is a prediction error with a disturbance model at the input. Least squares of this
+//! error is also valid in a closed loop (Ljung, System Identification, 2nd edition, sections 4.2 and 13.4). With a
+//! short stride, noise of the positions dominates. With a long stride, no motion remains. The stride is the geometric
+//! mean of the shortest and the longest useful stride.
 
 use super::motion::Motion;
 
@@ -46,8 +47,8 @@ impl Weighting {
         Self::Force { stride, trace, determinant }
     }
 
-    /// Sum of squares of the first record's weighted errors. Errors at the beginning are left out, because errors
-    /// before them are not known.
+    /// Sum of squares of the first record's weighted errors. Errors at the beginning are left out, because the earlier
+    /// errors are not known.
     pub fn squares(&self, errors: &[f64]) -> f64 {
         let known = if let Self::Force { stride, .. } = self { 2 * stride } else { 0 };
         self.weighed(0, errors.to_vec()).iter().skip(known).map(|error| error * error).sum()
@@ -65,8 +66,8 @@ impl Weighting {
         }
     }
 
-    /// Weighted errors of a record. With [`Force`](Self::Force), the first errors stay unchanged, because the errors
-    /// before them are not known.
+    /// Weighted errors of a record. With [`Force`](Self::Force), the first errors stay unchanged, because the earlier
+    /// errors are not known.
     pub fn weighed(&self, record: usize, mut errors: Vec<f64>) -> Vec<f64> {
         match self {
             Self::White => errors,
@@ -88,7 +89,7 @@ impl Weighting {
         }
     }
 
-    /// Converts the effect of weighted errors to the effect of row errors. With [`Force`](Self::Force) it stays
+    /// Converts the effect of weighted errors to the effect of row errors. With [`Force`](Self::Force) the effect stays
     /// unchanged, because each weighted error combines several rows.
     pub fn of_rows(&self, weighed: &mut [f64]) {
         if let Self::Readings(weights) = self {

@@ -1,9 +1,9 @@
 //! The states of a plant that act on the handle.
 //!
-//! A body floats if no spring holds it, neither to the ground nor to the handle. Then nothing depends on its position.
-//! Its position would be an eigenvalue of 1 at every K and B, and rounding would decide about stability. A body behind
-//! a joint without spring and damper does not act on the handle. Both are left out. If several bodies float together,
-//! only their positions relative to the first body are kept.
+//! A body floats if no spring connects it to the ground or to the handle. Then nothing depends on the position of this
+//! body. This position would be an eigenvalue of 1 at every K and B, and rounding would decide about stability. So this
+//! position is left out. A body behind a joint without spring and damper does not act on the handle, and is also left
+//! out. If several bodies float together, only their positions relative to the first body are kept.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -15,7 +15,8 @@ pub(super) struct Acting {
     states: usize,
     /// Indices of the kept states. The handle's position and speed are the first two.
     kept: Vec<usize>,
-    /// A floating body, and the floating body before it. The position of the first is taken relative to the second.
+    /// A floating body, and the floating body before this body. The position of the first body is taken relative to the
+    /// second body.
     relative: Option<[usize; 2]>,
 }
 

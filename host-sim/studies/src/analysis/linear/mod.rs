@@ -1,5 +1,5 @@
-//! Linear stability and passivity of the sampled loop. These are the limits of the ideal device, without quantisation,
-//! saturation and the one-sided wall.
+//! Linear stability and passivity of the sampled loop. The results are the limits of the ideal device, without
+//! quantisation, saturation and the one-sided wall.
 //!
 //! ```text
 //! every sample:           v = V(z) x                    estimator, z^-1 = one sample
@@ -7,15 +7,15 @@
 //! latency samples later:  m x'' = F - b x' - k x        exact under the held force
 //! ```
 //!
-//! With `period = 1` and without latency, this is the paper's section 2.1, eq. (3) to (5). The force changes only once
-//! per output period. So at the output instants the loop is time-invariant for any period and latency. Its
+//! With `period = 1` and without latency, these are equations (3) to (5) of the paper's section 2.1. The force changes
+//! only once per output period. So at the output instants the loop is time-invariant for any period and latency. Its
 //! characteristic equation is affine in K and in B: `1 + K Hx(z) + B Hv(z) = 0`. A root lies on the unit circle exactly
 //! if `K(w) = -(1 + B Hv) / Hx` is real at z = exp(j w). This condition gives every crossing in closed form
 //! ([`Boundary`]). The monodromy matrix over one period ([`Monodromy`]) is built independently, by stepping the loop.
 //! Its eigenvalues show which side of a crossing is stable.
 //!
 //! Passivity ([`passivity`]) is a stricter criterion (after Colgate and Schenkel): no motion may take energy out of the
-//! port. It ranks cutoffs in the opposite order.
+//! port. By passivity, the order of the cutoffs is opposite to the order by stability.
 //!
 //! A plant with linear elements ([`Elements`]) may replace the single mass: the amplifier's lag, a second mode, or an
 //! arm. Non-linear elements are not included.
@@ -40,7 +40,7 @@ pub use transfer::{TransferFunction, position_response, transfer_function};
 
 /// Longest allowed latency, in samples: ten times the longest latency of a scene.
 pub const LATENCY_MAX_SAMPLES: f64 = 10_000.0;
-/// Longest allowed output period, in samples. The computing time grows with its square.
+/// Longest allowed output period, in samples. The computing time grows with the square of the period.
 pub const PERIOD_MAX: u32 = 1_000;
 /// Highest order of an estimator.
 pub const ORDER_MAX: usize = 66;
@@ -84,8 +84,8 @@ pub struct Loop {
     pub rate_hz: f64,
     /// Samples per force output, 1 to [`PERIOD_MAX`].
     pub period: u32,
-    /// Time from a sample to the force computed from it, in samples. It may be any real number from 0 to
-    /// [`LATENCY_MAX_SAMPLES`].
+    /// Time from a sample to the force that is computed from this sample, in samples. The latency may be any real
+    /// number from 0 to [`LATENCY_MAX_SAMPLES`].
     pub latency_samples: f64,
     /// Velocity estimator at the sample rate, m/s per m.
     pub estimator: TransferFunction,

@@ -1,4 +1,5 @@
-//! The matrix of the closed loop over one output period. Its eigenvalues decide about stability.
+//! The matrix of the closed loop over one output period. The eigenvalues of this matrix show whether the loop is
+//! stable.
 
 use super::{LinearError, Loop, SCHUR_ITERATIONS, acting::Acting};
 use crate::scene::element::{Chain, STATES_MAX};
@@ -58,7 +59,8 @@ impl Monodromy {
         Some(schur.complex_eigenvalues().iter().copied().collect())
     }
 
-    /// Largest magnitude of an eigenvalue. The loop is stable if it is below 1. Infinite if it cannot be computed.
+    /// Largest magnitude of an eigenvalue. The loop is stable if this radius is below 1. Infinite if the eigenvalues
+    /// cannot be computed.
     #[must_use]
     pub fn spectral_radius(&self, stiffness: f64, damping: f64) -> f64 {
         self.eigenvalues(stiffness, damping).map_or(f64::INFINITY, |all| {
@@ -185,7 +187,8 @@ impl Stepper {
         z[..self.plant].copy_from_slice(plant);
         let mut commands = vec![command];
         commands.extend_from_slice(queue);
-        // The oldest command acts first. With a latency of whole periods it acts over the whole period.
+        // The oldest command acts first. With a latency of whole periods, the oldest command acts over the whole
+        // period.
         let before = commands[self.queue];
         let now = if self.splits { commands[self.queue - 1] } else { before };
         for sample in 0..self.period {

@@ -1,8 +1,8 @@
 //! Frequency response of the open loop at the output instants.
 //!
-//! Hx(z) and Hv(z) are the responses of position and estimated velocity to the force, all at the output instants. z is
-//! one output period. All equations use `delta = z - 1` and the exact `phi - 1`, because this keeps the digits at low
-//! frequency.
+//! Hx(z) and Hv(z) are the responses of position and estimated velocity to the force, all at the output instants. `z`
+//! is a shift by one output period. All equations use `delta = z - 1` and the exact `phi - 1`, which keep the digits at
+//! low frequency.
 //!
 //! Let `E = phi - 1` over one period. The latency has q whole periods and a rest. Within a period, the previous command
 //! (b) acts during the rest. Then the present command (a) acts:
@@ -11,11 +11,11 @@
 //! Hx = z^-q n_x / D,   q whole periods of latency
 //! x at sample i of the period = (phi(i T) n)_x / D + a_i + b_i / z    (times z^-q)
 //! ```
-//! A plant with more states uses the same equations. There `n = (delta - E)^-1 (..)` comes from a matrix decomposition
-//! instead of adjugate and determinant.
+//! A plant with more states uses the same equations. For this plant, `n = (delta - E)^-1 (..)` comes from a matrix
+//! decomposition instead of adjugate and determinant.
 //!
-//! The input of the estimator is the samples `x_i z^n`. They are a sum of the aliases `exp(j (w + 2 pi l) / period)`.
-//! The estimator's transfer function applies to each alias.
+//! The inputs of the estimator are the samples `x_i z^n`. These samples are a sum of the aliases `exp(j (w + 2 pi l) /
+//! period)`. The estimator's transfer function applies to each alias.
 
 use super::{LinearError, Loop, acting::Acting, transfer::TransferFunction};
 use crate::{
@@ -37,14 +37,14 @@ pub(super) struct Point {
 }
 
 impl Point {
-    /// The stiffness that gives a root at this frequency. It is complex except at a crossing.
+    /// The stiffness that gives a root at this frequency. The stiffness is complex except at a crossing.
     pub(super) fn stiffness(&self, damping: f64) -> Complex<f64> {
         -(self.inverse + self.velocity * damping)
     }
 }
 
-/// Response of the position at one sample within a period. It has a part from the state (x, v) at the start of the
-/// period, and a part from each of the two forces.
+/// Response of the position at one sample within a period. The response has a part from the state (x, v) at the start
+/// of the period, and a part from each of the two forces.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     x: f64,
@@ -204,8 +204,8 @@ impl Augmented {
     }
 }
 
-/// Frequencies at which the response of a chain changes fast: its poles and its zeros. The zeros are the poles of the
-/// chain while its device is held.
+/// Frequencies at which the response of a chain changes fast: the poles and zeros of the chain. The zeros are the poles
+/// of the chain while its device is held.
 fn marks(chain: &Chain, period_s: f64) -> Vec<f64> {
     let a = chain.matrix();
     let held = a.clone().remove_rows(0, 2).remove_columns(0, 2);
@@ -250,7 +250,7 @@ impl Response {
 
     /// The response at z = (1 + outside) exp(j omega).
     pub(super) fn at_radius(&self, omega: f64, outside: f64) -> Point {
-        // z = -1 is real. With a rounded PI, the response there would have a false imaginary part.
+        // z = -1 is real. With a rounded PI, the response at z = -1 would have a false imaginary part.
         let sin = if omega == PI { 0.0 } else { libm::sin(omega) };
         let half = libm::sin(0.5 * omega);
         let delta = Complex::new(-2.0 * half * half, sin); // exp(j omega) - 1 without cancellation

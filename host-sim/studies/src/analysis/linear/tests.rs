@@ -229,7 +229,8 @@ fn extremes_give_numbers() {
                         assert!(
                             limit.phase_crossings.iter().all(|c| c.stiffness_n_per_m.is_finite())
                         );
-                        // If the filter is far below the frequency of the spring, even this damping can be stable.
+                        // If the filter is far below the frequency of the spring, even the damping of 1e12 can be
+                        // stable.
                         if damping == 1e12 && cutoff.is_none() {
                             assert_eq!(limit.stiffness_max, 0.0, "{of:?}");
                         }

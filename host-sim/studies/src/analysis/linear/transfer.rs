@@ -39,7 +39,7 @@ impl TransferFunction {
         Self { num: multiply(&self.num, &next.num), den: multiply(&self.den, &next.den) }
     }
 
-    /// Number of past samples on which the output depends, which is the number of states.
+    /// Number of states: the number of past samples on which the output depends.
     #[must_use]
     pub fn order(&self) -> usize {
         self.num.len().max(self.den.len()).max(1) - 1
@@ -93,8 +93,8 @@ impl From<LowPass> for TransferFunction {
     }
 }
 
-/// The estimator from position to velocity, m/s per m. `None` if it is not linear, or if it has inputs in addition to
-/// the position.
+/// The estimator from position to velocity, m/s per m. `None` if the estimator is not linear, or has inputs in addition
+/// to the position.
 ///
 /// # Errors
 /// A parameter is out of range.

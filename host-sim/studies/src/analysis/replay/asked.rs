@@ -47,7 +47,8 @@ pub fn velocity(
 /// Runs the estimator over the capture in a file.
 ///
 /// # Errors
-/// The tuning is out of range, the file cannot be read, it has no range of consecutive samples, or `stop` was set.
+/// The tuning is out of range, the file cannot be read, the file has no range of consecutive samples, or `stop` was
+/// set.
 pub fn replay(
     path: &Path,
     scene: &Scene,

@@ -18,10 +18,10 @@ use super::recompute::{Recomputed, Row};
 pub use asked::{Told, lsb_m_per_s, replay, velocity};
 pub use rank::{Ranked, Ranking, rank};
 
-/// Longest delay between two estimators that can be found, samples.
+/// Longest delay that can be found between two estimators, samples.
 const LAG: usize = 500;
-/// Samples at the beginning that are not compared, at most a tenth of all. The estimator begins at rest, but the
-/// board's estimator was moving.
+/// Samples at the beginning that are not compared, at most a tenth of all samples. The estimator begins at rest, but
+/// the board's estimator was moving.
 const SETTLE: usize = 1_000;
 /// Smallest number of samples for a comparison.
 const LEAST: usize = 100;
@@ -33,7 +33,7 @@ pub struct Replayed {
     pub first: u64,
     /// Position of each sample.
     pub positions: Vec<Position>,
-    /// Velocity of the board at each sample. It comes from an output, or is computed from keys and counts.
+    /// Velocity of the board at each sample. This velocity comes from an output, or is computed from keys and counts.
     pub board: Vec<Velocity>,
     /// Velocity of the estimator at each sample.
     pub velocities: Vec<Velocity>,
@@ -43,7 +43,8 @@ impl Replayed {
     /// Runs the estimator from rest over the longest range without a missing sample.
     ///
     /// # Errors
-    /// The capture has no such range. The error is the number of samples between two samples of the capture.
+    /// The capture has no range without a missing sample. The error is the number of samples between two samples of the
+    /// capture.
     pub fn of(capture: &Recomputed, control: &LoopParameters) -> Result<Self, u64> {
         Self::of_rows(&capture.rows, control)
     }
@@ -100,8 +101,8 @@ impl Replayed {
         [0, 1].map(|n| rms(pairs.windows(2).map(|two| two[1][n] - two[0][n])))
     }
 
-    /// Delay relative to the board, samples. It is the shift with the smallest difference, interpolated by a parabola.
-    /// `None` if nothing moved. If `stop` is set, the value has no meaning.
+    /// Delay relative to the board, samples. The delay is the shift with the smallest difference, interpolated by a
+    /// parabola. `None` if nothing moved. If `stop` is set, the value has no meaning.
     pub fn later(&self, stop: &AtomicBool) -> Option<f64> {
         let pairs: Vec<[f64; 2]> = self.pairs().collect();
         let moved = pairs.iter().any(|[board, here]| *board != 0.0 && *here != 0.0);

@@ -1,10 +1,10 @@
 //! Ranks the estimators by their errors on recorded counts. The reference is the velocity of a low-pass that runs
 //! forwards and backwards.
 //!
-//! The reference has no delay, but it needs the whole record, so a controller cannot use it. The low-passed motion also
-//! goes through an ideal encoder, which gives simulated counts. Every estimator is tuned for the smallest error on the
-//! recorded counts, in the core's arithmetic. Its error on the simulated counts, with the same tuning, shows the effect
-//! of an ideal encoder.
+//! The reference has no delay, but needs the whole record. So a controller cannot use the reference. The low-passed
+//! motion also goes through an ideal encoder, which gives simulated counts. Every estimator is tuned for the smallest
+//! error on the recorded counts, in the core's arithmetic. Its error on the simulated counts, with the same tuning,
+//! shows the effect of an ideal encoder.
 //!
 //! All quantities are in counts and samples, so the record may have any rate. The tunings belong to a design of 10 kHz,
 //! and are scaled to the record's rate.
@@ -174,8 +174,8 @@ impl Bench<'_> {
         Ok(rms(off[self.inner.clone()].iter().copied()))
     }
 
-    /// The settings at a point on the axes. Levant's bandwidth is defined for an error of one count, which has no
-    /// meaning if the acceleration is many counts. So its parameter goes from 1/30 to 30 times the largest
+    /// The settings at a point on the axes. Levant's bandwidth is defined for an error of one count. This bandwidth has
+    /// no meaning if the acceleration is many counts. So Levant's parameter goes from 1/30 to 30 times the largest
     /// acceleration.
     fn at(&self, axes: &Axes, place: [f64; 2]) -> VelocitySettings {
         let settings = axes.at(place);
@@ -325,7 +325,7 @@ mod tests {
     fn a_low_pass_both_ways_has_no_delay() {
         let wave: Vec<f64> = (0..4000).map(|n| (f64::from(n) * 0.05).sin()).collect();
         let smooth = both_ways(&wave, 0.02);
-        // One pass has the gain 1 / sqrt(1 + (tan / tan)^4). Both passes have its square.
+        // One pass has the gain 1 / sqrt(1 + (tan / tan)^4). Two passes have the square of this gain.
         let gain = 1.0 / (1.0 + (0.025f64.tan() / (std::f64::consts::PI * 0.02).tan()).powi(4));
         for n in 500..3500 {
             assert!((smooth[n] - gain * wave[n]).abs() < 1e-6, "{n}");

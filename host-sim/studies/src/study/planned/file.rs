@@ -55,7 +55,7 @@ pub struct Keys {
     #[serde(default, deserialize_with = "numbers")]
     dampings: Option<Vec<f64>>,
     repeat: Option<u32>,
-    /// `None` for a default: as many points as take some seconds.
+    /// `None` for the default, which is as many points as need some seconds.
     pub points_per_unit: Option<u64>,
     #[serde(default)]
     product: Table,
@@ -63,7 +63,7 @@ pub struct Keys {
     list: Vec<Table>,
 }
 
-/// The contents of a study's file. Checks that need its scenes are not yet made.
+/// The contents of a study's file. Checks that need the scenes are made later.
 #[derive(Clone, Debug)]
 pub struct StudyFile {
     /// Name in error messages.
@@ -126,7 +126,7 @@ fn as_number(value: &Value) -> Option<f64> {
     }
 }
 
-/// Kind of a value. `None` if a key cannot have such a value.
+/// Kind of a value. `None` if no key can have a value of this kind.
 fn kind(value: &Value) -> Option<&'static str> {
     match value {
         Value::Integer(_) | Value::Float(_) => Some("number"),

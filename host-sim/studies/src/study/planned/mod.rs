@@ -1,10 +1,10 @@
 //! A study with many points, in units of work. A point has a scene, an estimator, changed keys, a cutoff, a start and a
 //! wall.
 //!
-//! Points are numbered, so a study of a million points needs no memory for them. The order is: scenes, estimators,
-//! `[[list]]`, the keys of `[product]` in alphabetical order, cutoffs, starts, B, K. K changes fastest. A scene with
-//! one estimator is a [`Block`]. A unit has consecutive points of one block. `docs/scenes.md` describes the file, and
-//! [`mod@unit`] the unit.
+//! Points are only numbered. So the points of a study need no memory, even a million points. The order is: scenes,
+//! estimators, `[[list]]`, the keys of `[product]` in alphabetical order, cutoffs, starts, B, K. K changes fastest. A
+//! scene with one estimator is a [`Block`]. A unit has consecutive points of one block. `docs/scenes.md` describes the
+//! file, and [`mod@unit`] the unit.
 
 mod file;
 pub mod trial;
@@ -32,13 +32,15 @@ pub const SOURCES: &str = env!("ZWIDTH_SOURCES");
 
 /// Largest number of points of a study.
 pub const POINTS_MAX: u64 = 1_000_000_000;
-/// Largest number of changed scenes. Each of them is checked before the first hit.
+/// Largest number of changed scenes. Each changed scene is checked before the first hit.
 pub const VARIANTS_MAX: u64 = 1_000_000;
 /// Largest number of units of a study.
 pub const UNITS_MAX: u64 = 100_000;
-/// Default number of samples in a unit. It takes some seconds in lanes, and less than a minute without lanes.
+/// Default number of samples in a unit. A unit of this size takes some seconds in lanes, and less than a minute without
+/// lanes.
 const SAMPLES_PER_UNIT: f64 = 1e9;
-/// Estimated hits of a walk for this default. Walks of the paper's devices have 40 to 160 hits.
+/// Estimated hits of a walk, for the default number of samples in a unit. Walks of the paper's devices have 40 to 160
+/// hits.
 const HITS_PER_WALK: f64 = 100.0;
 
 /// Names of options in messages of a study.
@@ -49,7 +51,7 @@ const NAMES: Names = Names {
     start_offset: "starts_counts",
 };
 
-/// A scene with one estimator, and their points.
+/// A scene with one estimator, and the points with both.
 #[derive(Clone, Debug)]
 pub struct Block {
     pub name: String,
@@ -198,7 +200,7 @@ impl Study {
         NamedScene::of_table(block.name.clone(), table, &origin)
     }
 
-    /// A changed scene of a block. Every cutoff, wall and start of its points is checked.
+    /// A changed scene of a block. Every cutoff, wall and start of the scene's points is checked.
     fn checked(&self, block: &Block, variant: u64) -> Result<NamedScene, Error> {
         let scene = self.scene(block, variant)?;
         let named = |error: Error| error.of(&self.described(block, variant));
@@ -313,7 +315,8 @@ impl StudyFile {
         changes
     }
 
-    /// A scene with an estimator. An empty table gives the scene's own estimator. Its points have no numbers yet.
+    /// A scene with an estimator. An empty table gives the scene's own estimator. The points of the block have no
+    /// numbers yet.
     fn block(&self, scene: &NamedScene, estimator: &Table) -> Result<Block, Error> {
         let mut table = scene.table()?;
         if !estimator.is_empty() {

@@ -18,7 +18,7 @@ const RUN_MAX: u64 = 64;
 /// Duration after which a trial ends.
 const LONG: Duration = Duration::from_secs(2);
 
-/// An estimated value of the whole study. The spread over the trial's points or parts gives its uncertainty.
+/// An estimated value of the whole study. The spread over the trial's points or parts gives the uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     pub value: f64,

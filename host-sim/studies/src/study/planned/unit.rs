@@ -1,5 +1,6 @@
-//! A unit of work: a scene, a list of points, the program's sources and the schema. The SHA-256 of these parts is its
-//! key. Its result is one table. If a unit is made again, on any machine, the result has the same bits.
+//! A unit of work: a scene, a list of points, the program's sources and the schema. The SHA-256 of these parts is the
+//! key of the unit. The result of a unit is one table. If a unit is made again, on any machine, the result has the same
+//! bits.
 
 use rayon::prelude::*;
 use sha2::{Digest as _, Sha256};
@@ -303,7 +304,7 @@ fn walk(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), E
     Ok(())
 }
 
-/// End of a walk whose first wall is unstable. Its area is 0.
+/// End of a walk whose first wall is unstable. The area of this walk is 0.
 const UNSTABLE: &str = "first_unstable";
 /// Verdict of a hit in which the handle left the core's range.
 const OUT_OF_RANGE: &str = "out_of_range";

@@ -1,10 +1,10 @@
 //! The contour of the walls at which a share of the draws is stable, and a test of this contour with fresh draws.
 //!
-//! At each B of a map, the contour is the longest interval of K in which at least the share is stable. It is
-//! interpolated linearly between cells. With few draws, share and contour are not exact. So the firmware's contour is
-//! fitted with fresh draws. Each draw has a random position on the contour. There it is tried with interval lengths
-//! from 70 to 110 %. The length at which 95 % of the draws are stable is used. Then [`TRIED`] other draws measure the
-//! stable share along the result.
+//! At each B of a map, the contour is the longest interval of K in which at least the share is stable. The ends of the
+//! interval are interpolated linearly between cells. With few draws, share and contour are not exact. So the firmware's
+//! contour is fitted with fresh draws. Each draw has a random position on the contour. At this position the draw is
+//! tried with interval lengths from 70 to 110 %. The length at which 95 % of the draws are stable is used. Then
+//! [`TRIED`] other draws measure the stable share along the result.
 
 use rayon::prelude::*;
 use statrs::distribution::{Beta, ContinuousCDF as _};
@@ -34,8 +34,8 @@ const PLACES: u64 = 0x5eed_0003;
 /// Probability that the interval of a share does not contain the true share.
 const MISS: f64 = 0.05;
 
-/// The intervals of K at which at least `share` of the draws is stable, by B. They begin at the first B with such a
-/// wall, and end before the first B without one.
+/// The intervals of K at which at least `share` of the draws is stable, by B. The list begins at the first B with an
+/// interval, and ends before the next B without an interval.
 pub fn contour(map: &Map, share: f64) -> Vec<Interval> {
     let [cells, columns] = map.cells;
     let of_column = |column: u32| {
@@ -154,8 +154,8 @@ fn tried(
     Ok(counts)
 }
 
-/// The contour along which [`SHARE`] of the draws is stable. It is fitted and tested with fresh draws. `None` if no
-/// wall is stable.
+/// The contour along which [`SHARE`] of the draws is stable. The contour is fitted and tested with fresh draws. `None`
+/// if no wall is stable.
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.

@@ -1,19 +1,19 @@
 //! Probability that a wall is stable, for many starts and random devices. A draw is a device with a start.
 //!
 //! A walk finds one boundary from one start. Near the boundary the verdict depends on the start, by a part of a count.
-//! It also depends on device parameters that are not known exactly. So the same draws hit every cell of a grid of K and
-//! B ([`Map`]). The stable share of the draws is the wall's probability. Its integral over K and B is an area in which
-//! each wall has its probability as weight. The area of a draw is the area of its stable cells. The spread over the
-//! draws is the spread of areas and of the ideal cutoff.
+//! The verdict also depends on device parameters that are not known exactly. So the same draws hit every cell of a grid
+//! of K and B ([`Map`]). The stable share of the draws is the wall's probability. The integral of this probability over
+//! K and B is an area in which each wall has its probability as weight. The area of a draw is the area of its stable
+//! cells. So the draws also give the spread of the area and of the ideal cutoff.
 //!
 //! **Intervals of quantiles.** Drawn devices are independent. The starts of one device are spread evenly, so they are
 //! no random sample. So quantiles over the starts of the scene's own device have no interval. For drawn devices, order
 //! statistics give the interval of a quantile ([`ranks`]). With fewer than [`DRAWS_MIN`] devices, the worst 5 % have no
 //! lower bound. A bootstrap tests the best cutoff in the worst draws: devices are drawn again from the drawn devices.
-//! If another cutoff leads in too many of these samples, it cannot be distinguished from the best cutoff.
+//! If another cutoff leads in too many of these samples, this cutoff cannot be distinguished from the best cutoff.
 //!
-//! The contour of 95 % ([`contour`]) shows the walls that a firmware may render. It is fitted with fresh draws, and
-//! tested with further draws.
+//! The contour of 95 % ([`contour`]) shows the walls that a firmware may render. This contour is fitted with fresh
+//! draws, and tested with further draws.
 
 pub mod contour;
 
@@ -50,8 +50,8 @@ const AGAIN: u64 = 0x5eed_0003;
 pub const WORST: f64 = 0.05;
 /// Smallest number of devices with a lower bound for [`WORST`].
 pub const DRAWS_MIN: u32 = 72;
-/// Probability outside an interval on each side. Also the smallest share of bootstrap samples in which a cutoff must
-/// lead.
+/// Probability outside an interval, on each side. The same number is the smallest share of bootstrap samples in which a
+/// cutoff must lead.
 const MISS: f64 = 0.025;
 /// Number of bootstrap samples.
 const TIMES: u64 = 1000;
@@ -74,7 +74,7 @@ pub struct Drawn {
 }
 
 impl Draws {
-    /// Draws of `devices` devices, with `starts` starts each. With 0 devices, the scene's own device is used.
+    /// Draws of `devices` devices. Each device has `starts` starts. With 0 devices, the scene's own device is used.
     ///
     /// # Errors
     /// Devices are requested, but the scene has no `[uncertainty]`.
@@ -104,7 +104,7 @@ impl Draws {
             .collect()
     }
 
-    /// A fresh draw, which is not in [`all`](Self::all).
+    /// A fresh draw. It is not in [`all`](Self::all).
     fn fresh(&self, number: u64) -> Result<Drawn, Error> {
         let number = u64::from(u32::MAX) + number;
         Ok(Drawn { prepared: self.device(number)?, starts: vec![random::uniform(STARTS, number)] })
@@ -143,8 +143,8 @@ pub(super) fn held(
     all.into_iter().collect()
 }
 
-/// Which draws are stable at each wall `[K, B]`: by wall, then by draw. Draws are in the order of devices, each with
-/// its starts.
+/// Which draws are stable at each wall `[K, B]`: by wall, then by draw. Draws are in the order of devices, and for each
+/// device in the order of its starts.
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.
@@ -224,8 +224,8 @@ impl Map {
         f64::from(held) / f64::from(self.trials) * self.step[0] * self.step[1]
     }
 
-    /// Share of undecided cells. In an undecided cell, more than one draw in twenty is stable and more than one in
-    /// twenty is unstable. The share is of all cells in which more than one draw in twenty is stable.
+    /// Number of undecided cells, divided by the number of cells in which more than one draw in twenty is stable. In an
+    /// undecided cell, more than one draw in twenty is stable and more than one draw in twenty is unstable.
     pub fn undecided_share(&self) -> f64 {
         let few = WORST * f64::from(self.trials);
         let (hold, fail) =
@@ -258,8 +258,8 @@ impl Map {
     }
 }
 
-/// The 95 % interval of a quantile, as positions in the sorted draws from 0 to 1. It is valid for any distribution
-/// (Conover, *Practical Nonparametric Statistics*, 1999, section 3.2). `None` if there is no bound.
+/// The 95 % interval of a quantile, as positions in the sorted draws from 0 to 1. This interval is valid for any
+/// distribution (Conover, *Practical Nonparametric Statistics*, 1999, section 3.2). `None` if there is no bound.
 pub fn ranks(draws: u32, share: f64) -> [Option<f64>; 2] {
     let Ok(below) = Binomial::new(share, draws.into()) else { return [None; 2] };
     // Rank r of 1 to n has the position (r - 1) / (n - 1).
@@ -365,7 +365,8 @@ fn map(
 pub struct Verdicts {
     /// Number of draws for which each cutoff has the largest area.
     pub best: Vec<u32>,
-    /// Number of draws for which each cutoff is ideal, which is the lowest cutoff within 2 % of the largest area.
+    /// For each cutoff, the number of draws for which this cutoff is ideal. The ideal cutoff is the lowest cutoff
+    /// within 2 % of the largest area.
     pub ideal: Vec<u32>,
     /// The cutoff with the largest area in the worst 5 % of the draws; `None` if no wall is stable.
     pub leading: Option<usize>,

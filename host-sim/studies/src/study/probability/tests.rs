@@ -112,7 +112,7 @@ fn the_worst_draws_choose_the_recommendation() {
     assert!((quantile(&[0.0, 10.0], 0.05) - 0.5).abs() < 1e-12);
 }
 
-/// For areas with known quantiles, an interval contains the quantile as often as it states.
+/// For areas with known quantiles, an interval contains the quantile as often as its confidence states.
 #[test]
 fn an_interval_of_a_quantile_holds_it() {
     for (draws, share) in [(72u32, WORST), (300, WORST), (40, 0.5), (100, 0.95)] {
@@ -160,9 +160,9 @@ fn devices_need_a_table_to_be_drawn_by() {
     assert_eq!(Draws::new(&short(), 0, 2).unwrap().count(), 2);
 }
 
-/// Results of an independent program. Integrals of the share are for 1 um at 2000 Hz, and for 2 um at 1500 and 4000 Hz.
-/// Ideal cutoffs are from a walk of each of 40 devices (mass to 5 %, damping to 15 %, latency to 10 %). They are 1200
-/// Hz 22 times, 1500 Hz 16 times, and 1700 Hz twice.
+/// Results of an independent program. The integrals of the share are for 1 um at 2000 Hz, and for 2 um at 1500 and 4000
+/// Hz. The ideal cutoffs come from one walk per cutoff with each of 40 devices (mass to 5 %, damping to 15 %, latency
+/// to 10 %). The ideal cutoff is 1200 Hz for 22 devices, 1500 Hz for 16 devices, and 1700 Hz for two devices.
 #[test]
 #[ignore = "200 boundaries and three maps, half a minute"]
 fn areas_and_best_cutoffs_are_those_of_an_independent_program() {

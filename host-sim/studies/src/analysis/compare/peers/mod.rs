@@ -1,10 +1,10 @@
 //! Default velocity estimators of other systems, without tuning, in the core's arithmetic at the scene's rate.
 //!
-//! Poles and zeros in the z-plane are equal to those of the source. Each tracking loop has two rows. In one row the
-//! velocity is read before the step. The other row has the order of the source. A delay of one sample matters if other
-//! delays are small. Changes that these systems make to a count before the estimate are not included. For example,
-//! ODrive floors its estimate and sets small speeds to zero. The systems' own rates, 1 to 30 kHz, are not included
-//! either.
+//! Poles and zeros in the z-plane are equal to the poles and zeros of the source. Each tracking loop has two rows. In
+//! one row the velocity is read before the step. In the other row the velocity is read as in the source. The rows
+//! differ by a delay of one sample, which matters if other delays are small. Changes that these systems make to a count
+//! before the estimate are not included. For example, ODrive floors its estimate and sets small speeds to zero. The
+//! systems' own rates, 1 to 30 kHz, are not included either.
 
 mod table;
 
@@ -32,8 +32,8 @@ pub use table::PeerArea;
 
 /// Default limits, in the form that a user types.
 pub const LIMITS: &str = "quiet,15e-6,1e-6,felt";
-/// Cutoffs of the scene's own estimator, Hz. One suits a limit at which a faint hum is felt. The other suits the
-/// paper's limit.
+/// Cutoffs of the scene's own estimator, Hz. The lower cutoff suits a limit at which a faint hum is felt. The higher
+/// cutoff suits the paper's limit.
 const OWN_HZ: [f64; 2] = [500.0, 1500.0];
 
 /// A default velocity estimator of another system.
@@ -43,24 +43,24 @@ pub struct Peer {
     pub does: &'static str,
     /// Source that states this default.
     pub source: &'static str,
-    /// The estimator as settings of the core at a rate in Hz. `None` if it is unstable at this rate.
+    /// The estimator as settings of the core at a rate in Hz. `None` if the estimator is unstable at this rate.
     settings: fn(f64) -> Option<VelocitySettings>,
 }
 
-/// A low-pass with these poles, the slower one first.
+/// A low-pass with these poles, the slower pole first.
 fn poles([slow, fast]: [f64; 2], rate_hz: f64) -> Option<VelocitySettings> {
     let cutoff_hz = -slow.ln() * rate_hz / (2.0 * PI);
     let ratio = (fast.ln() / slow.ln()).clamp(*RATIO.start(), *RATIO.end()); // no second pole: infinite
     Some(VelocitySettings::Smoothing { cutoff_hz, ratio })
 }
 
-/// A loop with `kp = 2 w` and `ki = w^2` in explicit steps. Both poles are at `1 - w T`. `lead` is in samples.
+/// A tracking loop with `kp = 2 w` and `ki = w^2` in explicit steps. Both poles are at `1 - w T`. `lead` is in samples.
 fn tracking(w: f64, lead: f64, rate_hz: f64) -> Option<VelocitySettings> {
     let bandwidth_hz = -(1.0 - w / rate_hz).ln() * rate_hz / (2.0 * PI);
     (w < rate_hz).then_some(VelocitySettings::TrackingLead { bandwidth_hz, lead })
 }
 
-/// A loop as in `tracking`, but the position is predicted before the comparison. So its two poles differ.
+/// The loop of `tracking`, but the position is predicted before the comparison. So the two poles differ.
 fn predicting(w: f64, rate_hz: f64) -> Option<VelocitySettings> {
     let g = w / rate_hz;
     let middle = 1.0 - g - g * g / 2.0;

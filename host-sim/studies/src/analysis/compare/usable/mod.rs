@@ -1,9 +1,9 @@
 //! Fidelity as a limit: the area of the walls that are stable and are rendered as commanded.
 //!
 //! A wall is usable within a limit if the magnitude of its rendered impedance is correct within this limit, from 1 to
-//! 30 Hz ([`Rendered`]). The usable area is the part of a boundary's area with usable walls. It comes from the walks of
-//! the plain area, so it needs no further hit. Each estimator is tuned again for each limit, with the search of
-//! [`search`](super::search) and from the same starts.
+//! 30 Hz ([`Rendered`]). The usable area is the part of a boundary's area with usable walls. The usable area is
+//! computed from the walks of the whole area, without further hits. Each estimator is tuned again for each limit, with
+//! the search of [`search`](super::search) and from the starts of that search.
 
 mod table;
 
@@ -29,7 +29,7 @@ use crate::{
     study::sweep::starts,
 };
 
-/// Number of parts of a column of K at which the error is computed.
+/// Number of parts of a column of K. The error is computed in each part.
 const PARTS: u32 = 100;
 
 pub use table::{UsableArea, UsableStudy, parameters};
@@ -79,7 +79,7 @@ pub struct UsableQuestion {
 }
 
 impl UsableQuestion {
-    /// A question for these estimators. Its limits are these [`percents`], and a last limit that allows any error.
+    /// A question for these estimators. The limits are these [`percents`], and a last limit that allows any error.
     pub fn of(entries: Vec<Entry>, percents: &[f64], budget: Budget) -> Self {
         let limits = percents.iter().map(|percent| percent / 100.0).chain([f64::INFINITY]);
         Self { entries, limits: limits.collect(), budget }
@@ -288,7 +288,8 @@ mod tests {
         assert!(parts.areas[1] < 0.9 * parts.areas[0] && parts.areas[2] < 0.8 * parts.areas[1]);
         assert_eq!((parts.areas[3], parts.peaks[3], parts.outlines[3].len()), (0.0, 0.0, 0));
         assert_eq!(parts.peaks[..2], [40_000.0; 2], "at small B any K is rendered");
-        // For comparison, K / B at both edges of the usable sector is computed directly. It is the same at every B.
+        // For comparison, K / B at both edges of the usable sector is computed directly. This ratio is the same at
+        // every B.
         let within = |ratio: f64| rendered.error(ratio * 100.0, 100.0) <= 0.1;
         let ratios = (1..200_000).map(|n| 0.02 * f64::from(n));
         let share = |b: f64| {

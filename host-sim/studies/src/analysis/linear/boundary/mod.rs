@@ -1,13 +1,15 @@
 //! The stiffest wall that is linearly stable, for each virtual damping.
 //!
-//! On the curve `K(w) = -(1/Hx + B Hv/Hx)` ([`super::response`]) a root lies on the unit circle. K must be real, so Im
-//! K = 0. At such a crossing, implicit differentiation gives `d ln|z| / dK = (d Im K / dw) / |dK / dw|^2`. If Im K
-//! rises with w, the pair of roots leaves the circle with rising K. If Im K falls, the pair enters. The crossings with
-//! K > 0 divide the K axis into intervals. In each interval the number of unstable roots is constant. Eigenvalues give
-//! this number in the interval with the clearest result. The crossings give the numbers in the other intervals.
+//! On the curve `K(w) = -(1/Hx + B Hv/Hx)` ([`super::response`]) a root lies on the unit circle. A stiffness is real,
+//! so roots cross the circle where Im K = 0. At a crossing, implicit differentiation gives `d ln|z| / dK = (d Im K /
+//! dw) / |dK / dw|^2`. If Im K rises with w, the pair of roots leaves the circle with rising K. If Im K falls, the pair
+//! enters. The crossings with K > 0 divide the K axis into intervals. In each interval the number of unstable roots is
+//! constant. Eigenvalues give this number in the interval with the clearest result. The crossings give the numbers in
+//! the other intervals.
 //!
-//! The paper's gain margin, eq. (5), is the smallest of these crossings. It is the boundary only if the loop is stable
-//! as K tends to 0. Even then it gives no information about stable intervals above. [`StiffnessLimit`] reports both.
+//! The paper's gain margin, eq. (5), is the smallest of these crossings. The gain margin is the boundary only if the
+//! loop is stable as K tends to 0. Even then the gain margin gives no information about stable intervals above it.
+//! [`StiffnessLimit`] reports the boundary and these intervals.
 
 use super::{
     LinearError, Loop,
@@ -28,15 +30,15 @@ const PER_TURN: f64 = 16.0;
 const PER_HALF_CIRCLE: f64 = 128.0;
 /// Smallest distance of search points from a resonance, radians per output period.
 const MARK_MIN: f64 = 1e-10;
-/// Refinements of the search if the numbers of roots contradict each other.
+/// Refinements of the search if the numbers of roots from eigenvalues and from crossings differ.
 const REFINEMENTS: u32 = 2;
-/// K is a difference of terms. If K at a crossing is below this share of these terms, it is a rounding error of K = 0.
+/// K is a difference of terms. If K at a crossing is below this share of these terms, the true K is 0.
 const ZERO_STIFFNESS: f64 = 1e-12;
-/// If K at a crossing is below this share of the loop's own stiffnesses, it is a rounding error. Without any damping,
+/// If K at a crossing is below this share of the loop's own stiffnesses, K is a rounding error. Without any damping,
 /// every wall is unstable, and the first crossings are rounding errors.
 const ROUNDING: f64 = 1e-12;
-/// Crossings above this multiple of the loop's own stiffnesses (k, b/T, m/T^2, B/T) are left out. There, all roots that
-/// leave have left, and a root near z = -1 approaches the sampling zero.
+/// Crossings above this multiple of the loop's own stiffnesses (k, b/T, m/T^2, B/T) are left out. At so large a K, no
+/// more roots leave the circle, and a root near z = -1 approaches the sampling zero.
 const FAR_STIFFNESS: f64 = 1e3;
 /// Distance from the unit circle above which eigenvalues are more reliable than the count of crossings.
 const CLEAR_MARGIN: f64 = 1e-6;
@@ -53,7 +55,7 @@ pub struct Crossing {
     pub frequency_hz: f64,
     /// Stiffness, above 0 N/m.
     pub stiffness_n_per_m: f64,
-    /// With rising stiffness, roots leave the circle (true) or enter it (false).
+    /// Whether roots leave the circle with rising stiffness. If false, the roots enter the circle.
     pub outward: bool,
     /// Number of roots: 2, or 1 at half the output rate.
     pub roots: u32,
@@ -63,22 +65,22 @@ pub struct Crossing {
 #[derive(Clone, Debug, PartialEq)]
 pub struct StiffnessLimit {
     /// Upper end of the stable interval from K = 0, N/m. The loop is stable for every K between 0 and this value. 0 if
-    /// there is no such interval. Infinite if no stiffness makes the loop unstable.
+    /// no stable interval begins at K = 0. Infinite if no stiffness makes the loop unstable.
     pub stiffness_max: f64,
-    /// Whether the loop is unstable as K tends to 0. Then virtual damping alone makes it unstable, and a gain margin
-    /// has no meaning.
+    /// Whether the loop is unstable as K tends to 0. If so, virtual damping alone makes the loop unstable, and a gain
+    /// margin has no meaning.
     pub unstable_at_zero: bool,
-    /// All K > 0 with roots on the circle, in ascending order. There the phase of the paper's eq. (5) is -180 degrees.
-    /// Stiffnesses above a thousand times the loop's own (k + b/T + m/T^2 + B/T) are left out, because no wall is
-    /// stable there.
+    /// All K > 0 with roots on the circle, in ascending order. At these K the phase of the paper's eq. (5) is -180
+    /// degrees. Stiffnesses above a thousand times the loop's own stiffness (k + b/T + m/T^2 + B/T) are left out,
+    /// because no such wall is stable.
     pub phase_crossings: Vec<Crossing>,
     /// Further stable intervals (low, high) of K, N/m, above `stiffness_max`.
     pub further_stable: Vec<(f64, f64)>,
 }
 
 impl StiffnessLimit {
-    /// The gain margin of eq. (5) as tools compute it, which is the smallest crossing. `None` without a crossing. Tools
-    /// call this case infinite.
+    /// The gain margin of eq. (5), which tools compute as the smallest crossing. `None` without a crossing. Tools
+    /// report an infinite gain margin in this case.
     #[must_use]
     pub fn gain_margin(&self) -> Option<f64> {
         self.phase_crossings.first().map(|crossing| crossing.stiffness_n_per_m)
@@ -91,7 +93,7 @@ impl StiffnessLimit {
     }
 }
 
-/// Stability boundary of one loop. It is prepared once and then evaluated for any damping.
+/// Stability boundary of one loop. The boundary is prepared once. After that it can be evaluated for any damping.
 #[derive(Clone, Debug)]
 pub struct Boundary {
     response: Response,
@@ -296,7 +298,7 @@ impl Boundary {
 
 struct Intervals {
     crossings: Vec<Crossing>,
-    /// Number of unstable roots below the first crossing, between crossings, and above the last one.
+    /// Number of unstable roots below the first crossing, between crossings, and above the last crossing.
     unstable: Vec<i64>,
     consistent: bool,
 }
@@ -326,7 +328,7 @@ impl Intervals {
     }
 }
 
-/// Search points. They are logarithmic from both ends of (0, pi), and dense enough for the phase of the latency.
+/// Search points. The points are logarithmic from both ends of (0, pi), and dense enough for the phase of the latency.
 fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     let fine = f64::from(refinement);
     let ratio = libm::pow(10.0, 1.0 / (fine * f64::from(PER_DECADE)));
@@ -341,7 +343,7 @@ fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     let below: Vec<f64> = omegas.iter().rev().filter(|w| **w > 1e-6).map(|w| PI - w).collect();
     omegas.extend(below);
     omegas.push(PI);
-    // Near a resonance the response changes within the width of its damping, which may be very small.
+    // Near a resonance the response changes within a width that may be very small with low damping.
     for mark in response.marks() {
         let mut distance = step;
         while distance > MARK_MIN {

@@ -17,7 +17,8 @@ const LOOPS: u32 = 400;
 /// Relative distance from a crossing, on both sides, at which the number of unstable eigenvalues is compared.
 const ASIDE: f64 = 1e-4;
 
-/// Tolerance for an eigenvalue on the circle. The largest eigenvalue of the matrix is about a hundred times larger.
+/// Tolerance for an eigenvalue on the circle. The largest eigenvalue of the matrix is about a hundred times larger than
+/// an eigenvalue on the circle.
 const ON_CIRCLE: f64 = 1e-8;
 
 /// Random numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's MMIX).
@@ -98,7 +99,7 @@ impl Dice {
         Loop { elements, ..of }
     }
 
-    /// A damping. The range goes from much too small to much too large.
+    /// A random damping, from much too small to much too large.
     fn damping(&mut self, of: &Loop) -> f64 {
         let scale = of.device.mass_kg * of.rate_hz / f64::from(of.period);
         if self.below(5) == 0 { 0.0 } else { scale * self.logarithmic(1e-4, 3.0) }
@@ -196,7 +197,7 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
         (Some(Mode { stiffness_n_per_m: 6e4, ..mode }), Some(arm), None),
         (None, Some(apart), None),
         (Some(Mode { damping_n_s_per_m: 0.0, ..mode }), Some(arm), amplifier),
-        // A spring to the ground holds its own body, and all bodies that it can reach.
+        // If a body has a spring to the ground, this body and all bodies that are connected to it do not float.
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..apart }), amplifier),
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..arm }), None),
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..gripped }), None),
@@ -222,8 +223,8 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
 
 #[test]
 fn what_nothing_damps_holds_no_wall() {
-    // Two bodies are joined by a spring or a damper, without a connection to the ground. By rounding, a stiffness of
-    // 1e-12 N/m could seem to hold them.
+    // Two bodies are joined by a spring or a damper, without a connection to the ground. By rounding, the bodies could
+    // seem to be on a spring of 1e-12 N/m to the ground.
     let device = Device { mass_kg: 1.3, damping_n_s_per_m: 0.0, stiffness_n_per_m: 0.0 };
     let joined = |stiffness_n_per_m, damping_n_s_per_m| {
         Some(Mode { mass_kg: 0.18, stiffness_n_per_m, damping_n_s_per_m })
@@ -246,8 +247,8 @@ fn what_nothing_damps_holds_no_wall() {
 
 #[test]
 fn half_the_rate_is_no_crossing_where_the_sampling_zero_lies() {
-    // The response of an undamped device is 0 at z = -1. With a rounded pi, a root once seemed to enter there, at 4
-    // m/T^2.
+    // The response of an undamped device is 0 at z = -1. With a rounded pi, a root once seemed to enter the circle at z
+    // = -1, with K = 4 m/T^2.
     let device = Device { mass_kg: 1.5725, damping_n_s_per_m: 0.0, stiffness_n_per_m: 177.4748 };
     let (mass_kg, damping_n_s_per_m) = (0.88, 0.0);
     let mode = Some(Mode { mass_kg, stiffness_n_per_m: 110.4708, damping_n_s_per_m });
@@ -347,7 +348,8 @@ fn winding_number_counts_as_eigenvalues_do() {
 
 #[test]
 fn long_latency_follows_gils_rule() {
-    // For low damping, K < b / (T/2 + latency) (Gil et al. 2009). Here the limit is within 2 % at 200 and 1000 samples.
+    // For low damping, K < b / (T/2 + latency) (Gil et al. 2009). In this test the limit is within 2 % at 200 and 1000
+    // samples.
     for latency_samples in [50.0, 200.5, 1000.0] {
         let device = Device { mass_kg: 10.0, damping_n_s_per_m: 1.0, stiffness_n_per_m: 0.0 };
         let estimator = TransferFunction::finite_difference(1e4);
@@ -461,8 +463,8 @@ fn crossings_and_winding_number_count_alike_for_long_latency() {
 #[test]
 fn stable_interval_is_followed_until_it_closes() {
     // The filter is far slower than the device with its spring. With growing damping, the loop first becomes unstable
-    // at K = 0. A stable interval remains at higher K, and shrinks to a point. There two crossings meet between search
-    // points.
+    // at K = 0. A stable interval remains at higher K, and shrinks to a point. Two crossings meet at this point,
+    // between search points.
     let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
     let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0).unwrap());
     let boundary = Boundary::new(&of).unwrap();
@@ -483,7 +485,8 @@ fn stable_interval_is_followed_until_it_closes() {
     let (low, high) = interval(open).unwrap();
     println!("closes at B {open} with K {low} to {high}");
     assert!(boundary.at(open).unwrap().unstable_at_zero && low > 0.0);
-    // The width is proportional to the root of the distance in B, which is 1e-12 here.
+    // The width of the interval is proportional to the root of the distance in B from the closing point. This distance
+    // is 1e-12 here.
     assert!((high - low) / low < 1e-4, "{low} {high}");
     let wider = interval(open - 0.1).unwrap();
     let k = 0.5 * (wider.0 + wider.1);

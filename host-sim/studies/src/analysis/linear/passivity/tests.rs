@@ -10,13 +10,14 @@ use super::{
 };
 
 /// Lowest frequency, radians per sample. At lower frequencies, every estimator that the core accepts (poles above 1e-4)
-/// has its value at w = 0. w = 0 is a separate point.
+/// has the same value as at w = 0. The grid has w = 0 as a separate point.
 const OMEGA_MIN: f64 = 1e-7;
 /// Number of search points from 0 to pi.
 const LINEAR: u32 = 512;
 
 /// Necessary device damping for a wall with stiffness K, N/m, and damping B, N s/m (any sign), over all frequencies.
-/// Infinite if the estimator has a pole on or outside the unit circle, because the condition does not hold then.
+/// Infinite if the estimator has a pole on or outside the unit circle, because the condition is not valid for this
+/// estimator.
 ///
 /// # Errors
 /// A number is not finite, the rate is not above 0, or the estimator is not usable.
@@ -194,7 +195,7 @@ fn extremes_give_numbers() {
 
 #[test]
 fn lower_cutoff_relaxes_passivity() {
-    // The order of the cutoffs is opposite to their order by the stability boundary.
+    // By passivity, the order of the cutoffs is opposite to the order by the stability boundary.
     let at = |hz| damping(20_000.0, 20.0, 1e4, &TransferFunction::paper(1e4, hz).unwrap());
     let demands = [50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 4000.0].map(at);
     assert!(demands.is_sorted(), "{demands:?}");

@@ -1,23 +1,24 @@
 //! Passivity of a wall in the real loop: estimator at the sample rate, force at the output rate, with latency.
 //!
-//! The loop is periodic with the output period T. The hand may be periodic too. So the condition is on the port alone,
-//! for any motion by a linear or a non-linear hand. A motion of frequency w contains the aliases `w_n = w + 2 pi n / T`
-//! with independent speeds v_n. The command depends on one weighted sum of these speeds. The force is this command with
-//! its hold:
+//! The loop is periodic with the output period T. The hand may be periodic too. So the condition is for the port alone.
+//! It is valid for any motion, by a linear or a non-linear hand. A motion of frequency w contains the aliases `w_n =
+//! w + 2 pi n / T` with independent speeds v_n. The command depends on one weighted sum of these speeds. The force is
+//! this command with its hold:
 //! ```text
 //! u = - sum over n of C(w_n) v_n / (j w_n),     F_n = u (1 - e^(-jwT)) e^(-j w_n t_d) / (j w_n T),   C = K + B V(e^(j w_n T_s))
 //! ```
-//! The power out of the wall is a Hermitian form of rank two in v. Vectors p and q of the two sums define it. The
-//! damper b of the device takes `b |v|^2`. No motion takes energy out of wall and damper exactly if b is at least the
-//! largest eigenvalue of the form, `1/2 (sqrt(|p|^2 |q|^2 - Im^2 <p, q>) - Re <p, q>)`, at every w:
+//! The power out of the wall is a Hermitian form of rank two in v. The vectors p and q of the two sums define this
+//! form. The damper b of the device absorbs the power `b |v|^2`. No motion takes energy out of wall and damper exactly
+//! if b is at least the largest eigenvalue of the form, `1/2 (sqrt(|p|^2 |q|^2 - Im^2 <p, q>) - Re <p, q>)`, at every
+//! w:
 //! ```text
 //! c = -(1 - e^(-jwT)) / 2T  sum C e^(-j w_n t_d) / w_n^2,     r^2 = |1 - e^(-jwT)|^2 / 4T^2  sum |C|^2 / w_n^2  sum 1 / w_n^2
 //! b > max over w of  -Re c + sqrt(r^2 - (Im c)^2)
 //! ```
 //! The eigenvector of the largest eigenvalue is the worst motion. With a force for every sample and without latency, C
-//! is the same at all relevant aliases and r = |c|. Then the condition is the condition of Colgate and Schenkel. For a
-//! time-invariant hand the condition is weaker. The aliases of such a hand respond independently, so r is only the sum
-//! of `|C| / w_n^2`, which is not larger (Cauchy and Schwarz).
+//! is the same at all relevant aliases and r = |c|. In this case the condition is equal to the condition of Colgate and
+//! Schenkel. For a time-invariant hand the condition is weaker. The aliases of a time-invariant hand respond
+//! independently, so r is only the sum of `|C| / w_n^2`. This sum is at most the r of the formula (Cauchy and Schwarz).
 //!
 //! For V = 0 and a latency of whole periods, the result is `K < b / (T/2 + t_d)`, the line of Gil, Sanchez, Hulin,
 //! Preusche and Hirzinger (JCISE 9(1) 011005, 2009). Fardad and Bamieh, IEEE TAC 54(10), 2009, treat passivity of
@@ -36,8 +37,8 @@ use nalgebra::Complex;
 use super::{PER_DECADE, PassivityDemand, STABLE_RADIUS};
 use crate::analysis::linear::{LinearError, Loop, boundary::minimum, transfer::TransferFunction};
 
-/// Lowest frequency, radians per output period. At lower frequencies the rounding error would be large: it is 1e-16
-/// divided by the frequency.
+/// Lowest frequency, radians per output period. The rounding error is 1e-16 divided by the frequency, so at lower
+/// frequencies the error would be large.
 const OMEGA_MIN: f64 = 1e-6;
 /// Number of search points from 0 to pi.
 const LINEAR: f64 = 512.0;
@@ -206,8 +207,8 @@ impl Point {
         let wall = |alias: &Alias| alias.velocity * b + k;
         let mut aliases = self.aliases.iter();
         let Some(first) = aliases.next() else { return 0.0 };
-        // The first alias dominates at low frequency. All terms are turned to its phase. Then r - |c| is a sum, and not
-        // a difference of large numbers.
+        // The first alias dominates at low frequency. All terms are rotated by the phase of the first alias. So r - |c|
+        // is computed as a sum, and not as a difference of large numbers.
         let main = first.part * wall(first);
         let size = main.norm();
         let turn = if size > 0.0 { main.conj() / size } else { Complex::new(1.0, 0.0) };
@@ -231,7 +232,7 @@ impl Point {
             apart += alias.most * off;
             squares += alias.most * off * off;
         }
-        // r^2 - |c|^2 for a time-invariant hand. Then the Cauchy-Schwarz difference is added to r^2.
+        // First r^2 - |c|^2 for a time-invariant hand. For any hand, the Cauchy-Schwarz difference is added to r^2.
         let still = less * (most + along) - across * across;
         let free = (still + (weight * squares - apart * apart)).max(0.0);
         sum.re + (free + sum.re * sum.re).sqrt()
@@ -247,7 +248,7 @@ fn finite(stiffness: f64, damping: f64) -> Result<(), LinearError> {
     Ok(())
 }
 
-/// The largest value from 0 to `high` for which `passes` is true. It is true for 0 and false for `high`.
+/// The largest value from 0 to `high` for which `passes` is true. `passes` is true for 0 and false for `high`.
 fn last(high: f64, passes: impl Fn(f64) -> Result<bool, LinearError>) -> Result<f64, LinearError> {
     let (mut good, mut bad) = (0.0, high);
     for _ in 0..HALVINGS {

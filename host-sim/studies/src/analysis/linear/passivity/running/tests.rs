@@ -124,9 +124,9 @@ fn a_passive_wall_is_stable_whatever_hangs_on_it() {
     }
 }
 
-/// Limits from an independent program that uses normalised differences. They are for the paper's device and loop, with
-/// an output every 10 samples, no latency and 1500 Hz. With a time-invariant hand the limits are 4340, 4407, 3421 and
-/// 1437 N/m.
+/// Limits from an independent program that uses normalised differences. The limits are for the paper's device and loop,
+/// with an output every 10 samples, no latency and 1500 Hz. With a time-invariant hand the limits are 4340, 4407, 3421
+/// and 1437 N/m.
 #[test]
 fn the_ports_of_the_papers_loop_are_passive_up_to_the_known_stiffnesses() {
     let of = Passivity::new(&running(1e4, 10, 10.0, 1500.0)).unwrap();
@@ -140,8 +140,8 @@ fn the_ports_of_the_papers_loop_are_passive_up_to_the_known_stiffnesses() {
 /// Output periods of the record. Before the record, the loop settles for the same number of periods.
 const PERIODS: u32 = 4000;
 
-/// A motion, given by its speeds at the samples of an output period. In each next period the phase of the speeds
-/// changes by `omega`.
+/// A motion, given by its speeds at the samples of an output period. From one period to the next, the phase of the
+/// speeds changes by `omega`.
 struct Motion {
     omega: f64,
     speeds: Vec<Complex<f64>>,
@@ -178,8 +178,8 @@ fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
     (eigen.eigenvalues[highest], Motion { omega, speeds })
 }
 
-/// Sums of the estimator's impulse response. Each is the part of V from a unit step of the position, by the number of
-/// samples since the step.
+/// Sums of the estimator's impulse response. Each sum is the part of V from a unit step of the position, by the number
+/// of samples since the step.
 fn step_response(of: &TransferFunction, samples: usize) -> Vec<f64> {
     let mut loops = Difference::new(of);
     (0..samples).map(|_| loops.next(1.0)).collect()
@@ -209,7 +209,7 @@ impl Difference {
 }
 
 /// Steps the loop with this motion. Returns a ratio: the energy that leaves wall and damper, divided by the energy that
-/// the damper takes. Both are sums over the second half of the periods.
+/// the damper takes. Both energies are sums over the second half of the periods.
 fn energy_out(of: &Loop, k: f64, b: f64, motion: &Motion) -> f64 {
     let (period, sample_s) = (of.period as usize, of.sample_s());
     let mut estimator = Difference::new(&of.estimator);
