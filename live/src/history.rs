@@ -79,8 +79,8 @@ impl History {
         [self.begin, self.end]
     }
 
-    /// Adds the row of a sample. Missing rows before it become gaps. If the sample number is smaller than the last one,
-    /// the board was reset, and the history is cleared.
+    /// Adds the row of a sample. Missing rows before it become gaps. If the sample number is smaller than the previous
+    /// one, the board was reset, and the history is cleared.
     pub fn push(&mut self, sample: u64, row: &Row) {
         let number = sample / self.step;
         if number < self.end || number - self.end > KEPT as u64 {

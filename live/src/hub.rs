@@ -121,7 +121,8 @@ impl Hub {
         let talk = Talk {
             hub: Arc::clone(&hub),
             link,
-            // The memory of the table is never freed: the decoder borrows it, and each program has only one.
+            // The memory of the table is never freed, because the decoder borrows the table. Each program has only one
+            // table.
             log: elf
                 .and_then(|elf| log::table(elf).ok())
                 .map(|table| log::Decoder::new(Box::leak(Box::new(table)))),
@@ -242,8 +243,8 @@ impl Hub {
 /// The last command, whose reply has not come.
 struct Pending {
     line: String,
-    /// Beginning of the reply; `None` if any reply counts. Only questions of this program have it. So a reply to an
-    /// earlier command is not taken for theirs.
+    /// Beginning of the expected reply; `None` if any reply is accepted. Only questions of this program have a
+    /// beginning. So the reply to an earlier command is not mistaken for the reply to a question.
     begins: Option<String>,
     /// Whether the reply is shown to a person.
     loud: bool,
@@ -275,7 +276,8 @@ pub struct Talk {
     pending: Option<Pending>,
     /// Bytes for which the board had no room.
     unsent: Vec<u8>,
-    /// Whether the board has received an incomplete line. At first an earlier host may have sent it.
+    /// Whether the board may have received an incomplete line. This is true at the start, since an earlier host may
+    /// have sent one.
     begun: bool,
     /// Bytes of an incomplete reply.
     replies: Vec<u8>,
@@ -409,7 +411,8 @@ impl Talk {
         }
     }
 
-    /// Handles a reset of the board. It has lost the last command, and its old state is not valid any more.
+    /// Handles a reset of the board. The board has lost the last command, and what is known of its state is no longer
+    /// valid.
     fn meet_again(&mut self) {
         self.give_up("the board was reset");
         self.hub.note("the board was reset");

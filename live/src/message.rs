@@ -37,10 +37,10 @@ pub struct Question {
 }
 
 impl FromPage {
-    /// Reads a message. Its key `type` names its kind.
+    /// Reads a message. The key `type` gives the kind of message.
     ///
     /// # Errors
-    /// The text is not a message, or a value is not allowed; one line of text.
+    /// The text is not a message, or a value is not allowed. The error is one line of text.
     pub fn read(text: &str) -> Result<Self, String> {
         // A tagged enum of serde is not used: it reads numbers as maps if any crate of the build enables serde_json's
         // arbitrary precision.

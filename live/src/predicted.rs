@@ -100,7 +100,7 @@ fn envelope(device: &Device<'_>, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3
         .collect()
 }
 
-/// Delay and noise of the core's estimator for a motion that it gets as counts.
+/// Delay and noise of the core's estimator, for known motions in whole counts.
 fn quality(scene: &Scene, velocity: VelocitySettings) -> Option<(f64, f64)> {
     let (rate_hz, resolution_m) = (scene.control.rate_hz, scene.encoder.resolution_m);
     let wall = WallSettings {

@@ -3,9 +3,9 @@
 
 use std::time::Duration;
 
-/// After so long without an answer of the owner's page, the force goes off.
+/// Time without an answer of the owner's page after which the force is switched off.
 pub const ABSENT: Duration = Duration::from_secs(1);
-/// After so long without an answer, a page counts as closed and loses control, even if its socket is still open.
+/// Time without an answer after which a page is treated as closed and loses control, even if its socket is still open.
 pub const GONE: Duration = Duration::from_secs(2);
 
 #[derive(Debug, Default)]
@@ -19,7 +19,7 @@ pub struct Seats {
 }
 
 impl Seats {
-    /// Adds a page. It becomes the owner if there is no owner.
+    /// Adds a page. The page becomes the owner if there is no owner.
     pub fn enter(&mut self, now: Duration) -> u64 {
         self.last += 1;
         self.pages.push((self.last, now));
@@ -29,8 +29,8 @@ impl Seats {
         self.last
     }
 
-    /// Removes a page. Returns whether it was the owner. The page that has asked for control then becomes the owner. If
-    /// no page has asked, there is no owner.
+    /// Removes a page. Returns whether the page was the owner. If it was, the page that has asked for control becomes
+    /// the owner. If no page has asked, there is no owner.
     pub fn leave(&mut self, page: u64) -> bool {
         self.pages.retain(|(other, _)| *other != page);
         self.asking = self.asking.filter(|other| *other != page);

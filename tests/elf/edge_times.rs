@@ -31,8 +31,8 @@ const NUCLEO: Board = NUCLEO_F446RE;
 /// Speed of one count per sample in the scene, m/s.
 const PER_SAMPLE_M_PER_S: f64 = 1e-6 * 1e4;
 const SPAN: u32 = 8;
-/// Number of simulated hits, and the distance of their starts, counts. A return move ends within 50 counts of the
-/// start.
+/// Number of simulated hits. `AWAY` is the distance between the first and the last start, counts. A return move ends
+/// within 50 counts of the start.
 const STARTS: u8 = 200;
 const AWAY: f64 = 100.0;
 
@@ -46,8 +46,8 @@ fn settings(velocity: VelocitySettings) -> Settings {
     Settings { velocity, wall }
 }
 
-/// A booted board with the estimator `time-stamps`, whose handle is moved by hand. Also the settings in the order in
-/// which they took effect.
+/// A booted board with the estimator `time-stamps`, whose handle is moved by hand. Returns also the settings in the
+/// order in which they took effect.
 fn chosen(firmware: &Firmware) -> (World<'_>, Vec<LoopParameters>) {
     let mut world = firmware.boot_with_edge_times();
     world.lead(0.0);

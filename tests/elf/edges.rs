@@ -8,7 +8,7 @@ const TICK: u64 = 2;
 /// Delay of the input filter in ticks: 8 equal samples.
 const FILTER: u64 = 8;
 
-/// For each sample: the latest edge of its count. Also the number of edges within `near` ticks of a reading.
+/// The latest edge of the count at each sample, and the number of edges within `near` ticks of a reading.
 ///
 /// Samples have equal intervals. Ages are from the edge to the sample, in whole ticks. The first samples come when the
 /// program is ready.

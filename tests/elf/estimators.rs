@@ -119,8 +119,9 @@ fn every_estimator_runs_on_the_board_and_is_the_cores(board: Board) {
     assert!(compared > 2_000, "{compared}");
 }
 
-/// Runs the core on the board's counts, with edge times if the board has them. It uses the settings of each record, and
-/// the force of the record before. Returns how many velocities were equal.
+/// Runs the core on the board's counts, with edge times if the board has them. For each record, the core uses the
+/// settings of this record and the force of the previous record. Returns the number of compared velocities, all of them
+/// equal.
 fn compare(
     readings: &[u32],
     edges: &[Option<Edge>],

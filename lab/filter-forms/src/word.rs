@@ -35,7 +35,7 @@ pub trait Word: Copy + PartialEq {
     fn times_wide(self, other: Self::Wide, bits: u32) -> Self::Wide;
     /// The word nearest to `value`.
     fn clipped(value: Self::Wide) -> Self;
-    /// A whole number as a word. It must fit.
+    /// A whole number as a word. The number must fit into the word.
     fn of_f64(value: f64) -> Self;
 }
 

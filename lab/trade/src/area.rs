@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// The core's finite difference with a filter of any format after it. Wall, saturation and output codes are the core's.
-/// So only the filter differs. With the core's own filter, the result is the core's.
+/// So only the filter differs. With the core's own filter, the result equals the core's result.
 #[derive(Clone, Copy, Debug)]
 pub struct Filtered {
     core: Fixed,
@@ -131,8 +131,8 @@ pub fn boundary(
     })
 }
 
-/// Areas of all variants, and for each variant of all cutoffs. `None` if the format cannot have the cutoff. `done` is
-/// called after each walk.
+/// Areas of each variant at each cutoff: all cutoffs of the first variant, then those of the next. `None` if the format
+/// cannot have the cutoff. `done` is called after each walk.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.

@@ -20,7 +20,7 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Mean error at a constant speed, counts per sample. The ripple of the counts adds 10^-6 to it.
+    /// Mean error at a constant speed, counts per sample. The ripple of the counts adds 10^-6.
     pub fn bias_counts(&self) -> f64 {
         self.drift_counts / f64::from(drift::SAMPLES)
     }

@@ -17,7 +17,8 @@ pub struct Motions {
     /// Count differences, and exact outputs in counts per sample.
     rest: (Vec<i8>, Vec<f64>),
     ramp: (Vec<i8>, Vec<f64>),
-    /// RMS of the encoder's flicker and of its steps, in the exact output, counts per sample.
+    /// RMS in the exact output, counts per sample, that the encoder's flicker causes at rest and its steps cause in
+    /// motion.
     pub encoder: Noise,
 }
 

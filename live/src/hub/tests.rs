@@ -149,7 +149,8 @@ fn the_promise_is_kept_while_somebody_is_there_and_no_longer() {
     thread.join().unwrap();
 }
 
-/// An incomplete line of an earlier host does not become a command. Its reply is not taken for a reply to this host.
+/// An incomplete line of an earlier host does not become a command. The reply to the incomplete line is not mistaken
+/// for a reply to this host.
 #[test]
 fn half_a_line_of_a_dead_host_is_ended_before_the_first_command() {
     let board = Board::default();

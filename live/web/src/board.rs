@@ -1,5 +1,5 @@
-//! The board in a worker of the page: the release ELF, or the core without a chip. Also the actions of people, and the
-//! communication with the page.
+//! The board in a worker of the page: the release ELF, or the core without a chip. This file also has the actions of
+//! people, and the communication with the page.
 
 use std::{
     cell::RefCell,

@@ -116,7 +116,7 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
         hold_outputs_up(&mut world, samples);
         recover(&mut world);
     }
-    // Each estimator after each of the others, with the force on and off.
+    // Each estimator after every other estimator, with the force on and off.
     ok(&mut world, "unlock envelope");
     let known: Vec<_> = EstimatorName::ALL
         .iter()

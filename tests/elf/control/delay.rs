@@ -15,13 +15,13 @@ use crate::{
 
 each_board!(the_sampling_task_enters_no_critical_section, nothing_delays_the_samples);
 
-/// Largest difference of two delays, cycles. Its cause is that the longest instructions cannot be interrupted.
+/// Largest difference of two delays, cycles. It comes from the longest instructions, which cannot be interrupted.
 const SPREAD: u64 = 64;
 
 /// Longest time for which the logger masks `render` and `brown_out`, us, including a sample within it.
 const MASK_US: f64 = 60.0;
 
-/// Says what delays the samples.
+/// Fails if something delays the samples. The error names the cause.
 fn delayed(watch: &Watch) -> Result<(), String> {
     if watch.delay_spread() > SPREAD {
         return Err(format!("spread {} cycles", watch.delay_spread()));

@@ -17,7 +17,7 @@ const DAC_SETTLES_S: f64 = 3e-6;
 /// it acts 25 us later.
 const TAKEN_OVER_S: f64 = 14e-6;
 
-/// Fraction of this time that must remain. The emulator has no wait states, but the chip has.
+/// Fraction of [`TAKEN_OVER_S`] that must remain unused. The emulator has no wait states, but the chip has.
 const RESERVE: f64 = 0.2;
 
 fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(board: Board) {

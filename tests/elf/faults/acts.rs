@@ -64,7 +64,7 @@ fn a_dac_that_gives_something_else_is_off_within_3_ms() {
         ok(&mut world, "clear");
     }
     figure("elf/faults/acts/dac", most * 1e3);
-    // An error of 4 % of full scale is within the tolerance, which is two per cent of the range.
+    // The tolerance is 2 % of the range, which is 4 % of full scale. An error within this tolerance causes no fault.
     world.restore(&before);
     world.defects.dac = 0.035;
     assert_eq!(off_ms(&mut world), None);

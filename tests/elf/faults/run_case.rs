@@ -146,7 +146,7 @@ pub fn run_case(
     CaseResult { off_us, zero_us, kept: kept.join(", ") }
 }
 
-/// Checks that the black box sends its marked records without a gap. The last one has the fault.
+/// Checks that the black box sends its marked records without a gap. The last record has the fault.
 fn black_box(world: &mut World<'_>, case: &FaultCase, depth: Depth, outputs: u64) {
     let name = case.name;
     let samples = if depth == Depth::Full { 5_200 } else { 300 };

@@ -75,7 +75,7 @@ impl Verdict {
         }
     }
 
-    /// Why this result is a failure; `None` if it is not. `reason`: why the fault cannot be found.
+    /// Why this result is a failure; `None` for a good result. `reason`: why the fault cannot be found.
     pub fn wrong(&self, reason: Option<&str>) -> Option<String> {
         let fast = self.off_s.is_some_and(|off_s| off_s <= SOON_S);
         if matches!(self.class, Class::OffLate | Class::Unnoticed) && reason.is_none() {
@@ -116,11 +116,12 @@ pub struct Measure<'a> {
     pub full_m_per_s2: f64,
 }
 
-/// Largest difference of the force that counts as zero, fraction of full scale. Its cause is the grid of samples.
+/// Largest difference of the force that is treated as zero, fraction of full scale. The simulation in whole samples
+/// causes these differences.
 const SAME: f64 = 0.01;
-/// Largest difference of the force that counts as small, fraction of full scale.
+/// Largest difference of the force that is treated as small, fraction of full scale.
 const SMALL: f64 = 0.05;
-/// Longest time of a larger difference that still counts as bounded, s.
+/// Longest time of a larger difference that is still treated as bounded, s.
 pub(super) const SHORT_S: f64 = 2e-3;
 /// Samples beyond the output period after which a force is old: one sample, and the time of `render`.
 const OLD: u64 = 2;
@@ -130,7 +131,7 @@ const SAMPLE_S: f64 = 1e-4;
 /// Largest allowed gain of speed since the fault, if the force is off within [`SOON_S`], m/s.
 const GAIN_MOST_M_PER_S: f64 = 0.1;
 
-/// Smallest number of samples watched after off. `TOLD` is the largest number, if the board reports no fault.
+/// Number of samples that are watched after off. If the board reports no fault, up to `TOLD` samples are watched.
 const AFTER: u64 = 60;
 const TOLD: u64 = 2_000;
 /// Samples watched after off if the program was damaged: an output period, and the time of the output watchdog.
@@ -144,7 +145,7 @@ fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
         && last.into_iter().all(|(now, right)| (now.force - right.force).abs() <= SAME)
 }
 
-/// Fault code in the backup RAM. `None` for the code of a reset while armed, which any reset leaves there.
+/// Fault code in the backup RAM. `None` for the code of a reset while armed, because any such reset stores this code.
 fn kept_code(world: &mut World<'_>) -> Option<u8> {
     let words = std::array::from_fn(|n| {
         world.powered.mcu.peek(BACKUP + 4 * u32::try_from(n).unwrap_or_default())
@@ -164,7 +165,7 @@ struct Watched {
 }
 
 impl Measure<'_> {
-    /// Runs until the force is off and the board has reported the fault, or until the watched time ends.
+    /// Runs until the force is off and the board has reported the fault, or until the watch ends.
     pub fn verdict(&self, world: &mut World<'_>) -> Verdict {
         let watched = self.watch(world);
         let seen = world.seen.take().unwrap_or_default();

@@ -5,11 +5,11 @@
 //! | trajectory | the commands of one wall hit inside the boundary are replayed. The result is the largest distance from the reference's position |
 //! | verdicts | number of verdicts that differ from the reference's, for hits at one and two steps of K on both sides of the boundary |
 //! | boundary | area of the walks from two starts, compared with the reference's. The grid is [`COARSER`] times as coarse as the scene's |
-//! | cost | tried steps times the additions and multiplications of a step, per simulated second. An adaptive method repeats some steps, and an event takes several |
+//! | cost | tried steps times the additions and multiplications of a step, per simulated second. An adaptive method repeats some steps, and an event needs several steps |
 //!
 //! The reference is the exact step. On a non-linear plant the reference is the adaptive method with its smallest
 //! tolerance. At the boundary a hit is chaotic. So a second reference starts [`NUDGE_COUNTS`] away, as the repeats of a
-//! sweep do. The verdicts and the area that change by this are reported too. A method with smaller changes gives the
+//! sweep do. The differences between the two references are reported too. A method with smaller differences gives the
 //! same answer as the reference.
 
 mod replay;
@@ -151,7 +151,7 @@ pub struct PlantRow {
 pub struct Plants {
     /// One row per method, the reference first.
     pub rows: Vec<PlantRow>,
-    /// Cutoff of the scene's estimator in all hits, Hz; 0 if it has none.
+    /// Cutoff of the scene's estimator in all hits, Hz; 0 for an estimator without a cutoff.
     pub cutoff_hz: f64,
     /// The wall of the replayed hit: K, N/m, and B, N s/m.
     pub wall: [f64; 2],
@@ -163,7 +163,7 @@ pub struct Plants {
     pub area_chaotic: f64,
 }
 
-/// The scene's estimator. Its cutoff, if it has one, is in the middle of the scene's sweep.
+/// The scene's estimator. If the estimator has a cutoff, it is the middle cutoff of the scene's sweep.
 pub fn filter(scene: &Scene) -> VelocitySettings {
     let cutoffs = &scene.sweep.cutoffs_hz;
     scene.velocity.at(cutoffs[cutoffs.len() / 2])
