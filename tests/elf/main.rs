@@ -14,7 +14,7 @@
 )]
 
 /// A test on each board. On the default board it always runs. On the other board it needs another image, so it runs in
-/// CI only. If a reason to ignore the test is given, it runs in CI only on both boards.
+/// CI only. If a reason to ignore the test is given, it runs on both boards in CI only.
 macro_rules! each_board {
     ($($test:ident),+) => {$(
         mod $test {

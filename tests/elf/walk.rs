@@ -72,7 +72,7 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> (WalkReport, [f64; 2]) {
     );
     let simulated = &simulated[0];
     assert!(difference.abs() <= AREA_TOLERANCE, "{difference}");
-    // `cargo sim walk` gives a single walk. It differs from the mean by the spread.
+    // `cargo sim walk` gives a single walk. A single walk differs from the mean by the spread.
     let of_one = walked.area / simulated.area - 1.0;
     assert!(of_one.abs() <= AREA_TOLERANCE + 2.0 * spread, "{of_one}");
     assert_eq!(walked.ended_by, simulated.ended.map(Ended::name).unwrap());

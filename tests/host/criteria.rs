@@ -142,7 +142,7 @@ fn late_readings_know_of_the_hand() {
         later = fine.advance(&later, 0.0);
         steps += 1;
     }
-    // 40 N / m for up to 90 us gives 0.4 um. The spring adds its own force.
+    // 40 N on the handle's mass for up to 90 us give 0.4 um. The spring adds its own force.
     let off_m = fine.position_m(&later) - read_m;
     assert!(steps > 100 && steps < 900 && off_m < 2e-8, "{steps} {off_m:e} {read_m:e}");
 }

@@ -86,7 +86,7 @@ fn a_default_that_is_unstable_at_a_rate_is_left_out_and_said() {
     assert!(!said("chai3d") && is_there("chai3d"), "{:?}", study.notes);
 }
 
-/// A table of an independent program in `f64`. Its explicit tracking loops are read before their update.
+/// A table of an independent program in `f64`. That program reads its explicit tracking loops before their update.
 #[test]
 #[ignore = "a minute: the table of defaults against an independent program"]
 fn the_table_of_defaults_is_that_of_an_independent_program() {

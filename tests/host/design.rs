@@ -142,7 +142,8 @@ fn ten_seeds_find_the_same_area() {
     assert!(high / low < 1.02, "{areas:?}");
 }
 
-/// Motor and hand, the free handle and both arms, compared with kalman-3 in the tuning of docs/lab/comparison.md.
+/// Six cases: motor or hand pushes a free handle, a handle with the light arm, or a handle with the heavy arm. The
+/// reference is kalman-3 in the tuning of docs/lab/comparison.md.
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn designed_for_the_worst_of_six_it_holds_in_each_what_kalman_3_does() {

@@ -213,7 +213,7 @@ fn errors_of_size_zero_change_no_bit() {
 
 #[test]
 fn an_amplifier_far_above_the_rate_changes_nothing_but_the_last_digits() {
-    // 16 ns late: the exact step accepts any time constant.
+    // This amplifier is 16 ns late. The exact step accepts any time constant.
     let stiff = read(&["[amplifier]\nbandwidth_hz = 1e7\n"]).unwrap();
     let wall = hit(2000.0, 20.0);
     let report = |scene: &Scene| {
@@ -332,8 +332,8 @@ fn refusals_name_key_value_and_range() {
             vec!["[amplifier]\nbandwidth_hz = 1e7\n", FRICTION, ADAPTIVE],
             "without non-linear elements and [integrator] the step is exact",
         ),
-        // A test of eigenvalues alone would accept this device. No motion of the plant is so strongly damped, but a
-        // motion of its Euler steps is.
+        // A test of eigenvalues alone would accept this device. The plant itself has no motion with such a strong
+        // damping, but its Euler steps have one.
         (
             vec![
                 "[mode]\nmass_kg = 0.625\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\n",

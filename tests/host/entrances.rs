@@ -364,7 +364,7 @@ fn every_number_of_the_core_is_refused_by_name() {
         |calibration| calibration.build(&DESIGN)
     );
     for bad in BAD {
-        // With the name of its command.
+        // The message must contain the name of the command.
         named("calibrate", CalibrationSettings { percent: bad, ..calibration }.build(&DESIGN));
         let sense = CurrentSettings { rest: 0.5, full: 0.8 };
         named("current_sense_rest", CurrentSettings { rest: bad, ..sense }.build(DESIGN.output));

@@ -214,7 +214,8 @@ fn control(cutoff_hz: f64, rate_hz: f64) -> zwidth::LoopParameters {
 
 #[test]
 fn at_constant_speed_the_sum_of_the_output_follows_the_sum_of_the_input_for_ever() {
-    /// Largest span of the output, counts. The ripple of the counts is one count, and after the filter hardly larger.
+    /// Largest span of the output, counts. The counts have a ripple of one count. The filter hardly increases this
+    /// ripple.
     const SPAN_MAX_COUNTS: f64 = 1.1;
     const SAMPLES: i64 = 1_000_000;
     let rate_hz = 1e4;

@@ -323,7 +323,7 @@ impl Exact {
 
 #[derive(Clone, Debug, Default)]
 struct Verdict {
-    /// Each parameter, with its error over the half-width of its interval.
+    /// Each parameter, with its error divided by the half-width of its interval.
     pub off: Vec<(&'static str, f64)>,
     /// Whether a warning names a missing term, or a parameter that cannot be determined.
     pub warned: bool,
@@ -384,7 +384,7 @@ fn judged(case: &Case, found: &Identification) -> Verdict {
 struct Counts {
     pub cases: usize,
     pub answered: usize,
-    /// Number of parameters inside their intervals, and number of all.
+    /// Number of parameters inside their intervals, and number of all parameters.
     pub parameters: [usize; 2],
     pub silently_wrong: usize,
     pub invented: usize,
@@ -457,8 +457,8 @@ fn campaign(seeds: std::ops::Range<u64>, verbose: bool) -> Counts {
     counts
 }
 
-/// Smallest fraction of parameters inside their intervals. `SILENT` limits the devices with a parameter far outside and
-/// no warning, as a fraction of all devices. Both limits hold today. The intervals themselves promise 0.95 and 1.
+/// Smallest fraction of parameters inside their intervals. `SILENT` is the largest fraction of devices with a parameter
+/// far outside and no warning. Both limits are met today. The intervals themselves promise 0.95 of the parameters.
 const INSIDE: f64 = 0.8;
 const SILENT: f64 = 0.03;
 

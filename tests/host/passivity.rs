@@ -135,7 +135,7 @@ fn the_account_is_that_of_the_same_forces_and_counts() {
     }
 }
 
-/// A scene of the paper's device with a wall. The values that change its port most are random.
+/// A scene of the paper's device with a wall. The values that change the exchanged energy most are random.
 fn drawn(rng: &mut SmallRng) -> (Scene, WallHit) {
     let mut scene = paper();
     let mut log = |low: f64, high: f64| low * (high / low).powf(rng.random::<f64>());
@@ -163,8 +163,8 @@ fn drawn(rng: &mut SmallRng) -> (Scene, WallHit) {
     (scene, wall)
 }
 
-/// With the controller, no contact supplies more than the reserve, plus 2^-21 of the reserve for each output that
-/// spends it. This requires that the counts' motion changes by no more than the acceleration allows.
+/// With the controller, no contact supplies more than the reserve, plus 2^-21 of the reserve for each output that uses
+/// the reserve. This requires that the counts' motion changes by no more than the acceleration allows.
 #[test]
 fn no_contact_of_a_random_scene_gives_more_than_the_reserve() {
     campaign(1_000, true);

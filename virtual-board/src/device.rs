@@ -61,7 +61,7 @@ pub fn built_in(board: Board) -> &'static Device<'static> {
     device.get_or_init(|| read(bytes, board).expect("the record of a board is whole"))
 }
 
-/// Reads a record as a device. Its memory is never freed, since a program reads one record only.
+/// Reads a record as a device. The device's memory is never freed, since a program reads one record only.
 ///
 /// # Errors
 /// The record is not valid for that board.
@@ -73,7 +73,7 @@ pub fn read(record: &[u8], board: Board) -> Result<Device<'static>, Error> {
 /// reports that error.
 ///
 /// # Errors
-/// One handle is linear and the other rotary, or their radii differ.
+/// Of record and scene, one is linear and one is rotary, or the radii differ.
 pub fn same_units(record: &[u8], board: Board, scene: &Scene) -> Result<(), String> {
     let words = words(record);
     let facts = board_facts(board.name).map_err(|error| error.to_string())?;

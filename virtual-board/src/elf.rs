@@ -57,7 +57,7 @@ impl Elf {
             .filter_map(|s| {
                 Some((s.name().ok()?.to_owned(), narrow(s.address()) & !1, narrow(s.size())))
             })
-            // Such a symbol stands for several statics that the compiler merged. Each static also has its own symbol.
+            // A symbol `.L..` names several statics that the compiler merged. Each static also has its own symbol.
             .filter(|(name, ..)| !name.starts_with(".L"))
             .collect();
         let sections = file

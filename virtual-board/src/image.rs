@@ -28,7 +28,7 @@ pub fn build(board: &str) -> Result<PathBuf, String> {
     build_variant(board, &[])
 }
 
-/// As [`build`], with additional features of the firmware.
+/// Builds an image as [`build`] does, with additional features of the firmware.
 ///
 /// # Errors
 /// The error of `cargo` or `rustup`.
@@ -75,7 +75,7 @@ pub fn build_on_target(file: &str, features: &[&str]) -> Result<PathBuf, String>
     })
 }
 
-/// As [`keep`] for an image, and puts the checksum into the copy.
+/// Copies an image as [`keep`] does, and puts the checksum into the copy.
 fn keep_sealed(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
     let mut elf = std::fs::read(built).map_err(|error| format!("{}: {error}", built.display()))?;
     seal::seal(&mut elf).map_err(|error| format!("{}: {error}", built.display()))?;

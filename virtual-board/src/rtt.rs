@@ -167,7 +167,7 @@ pub struct Ring {
 }
 
 impl Ring {
-    /// Copies at most `room` bytes. Returns them with the reader's next offset. The bytes stay in the buffer.
+    /// Copies at most `room` bytes. Returns the bytes, and the reader's next offset. The bytes stay in the buffer.
     ///
     /// # Errors
     /// The memory could not be reached.
@@ -194,7 +194,7 @@ impl Ring {
         memory.write(self.at.wrapping_add(16), &next.to_le_bytes())
     }
 
-    /// Writes as many bytes as have room. Returns their number and the writer's next offset. Until
+    /// Writes as many bytes as have room. Returns the number of written bytes, and the writer's next offset. Until
     /// [`publish`](Self::publish) the program does not see the bytes.
     ///
     /// # Errors

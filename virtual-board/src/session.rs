@@ -170,7 +170,8 @@ impl Session {
         Self::open_with(board, elf, scene, record)
     }
 
-    /// As [`open`](Self::open), but with this record in the image's flash. Without a record, the image's own is used.
+    /// As [`open`](Self::open), but with this record in the image's flash. Without a record, the image's own record is
+    /// used.
     ///
     /// # Errors
     /// As [`open`](Self::open).
@@ -187,8 +188,8 @@ impl Session {
         Self::of(board, Elf::load(&path)?, &path.display().to_string(), scene, record)
     }
 
-    /// A session with this image and this record in its flash. Without a record, the image's own is used. `origin` is
-    /// the image's name in errors.
+    /// A session with this image and this record in its flash. Without a record, the image's own record is used.
+    /// `origin` is the image's name in errors.
     ///
     /// # Errors
     /// The image is for another board, or it is not of this firmware.

@@ -67,7 +67,7 @@ fn taps_reach_the_wall_after_50_ms_and_their_worst_last_half_counts() {
             let first = press.iter().position(inside).unwrap();
             firsts.push(first);
             assert!(!inside(&tap[4999]), "the handle is drawn back");
-            // By hand, and without the first tap: motion and force about their means.
+            // A hit by hand. The first tap is left out. Motion and force are relative to their means.
             let last = &press[first + (2500 - first) / 2..];
             let positions: Vec<f64> = last.iter().map(|sample| sample.position_m).collect();
             let forces: Vec<f64> = last
@@ -86,7 +86,7 @@ fn taps_reach_the_wall_after_50_ms_and_their_worst_last_half_counts() {
         let (rests, motion_m, force_n) = worst;
         assert_eq!(report.is_stable(), rests, "{of:?}");
         if rests {
-            // Relative to a polynomial. This removes slow motion and leaves fast motion.
+            // The values are relative to a polynomial. This removes slow motion and leaves fast motion.
             let left = [report.rms_motion_m / motion_m, report.force_rms_n / force_n];
             assert!(left.iter().all(|left| (0.4..1.001).contains(left)), "{left:?} {report:?}");
         }

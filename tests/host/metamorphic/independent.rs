@@ -1,5 +1,5 @@
 //! A second implementation of the sampled loop: a device, an actuator with any delay in samples, an output every few
-//! samples, an encoder, a filter, a wall. From the simulator it uses only the scene.
+//! samples, an encoder, a filter, a wall. It uses only the scene from the simulator.
 
 use host_sim::{
     scene::{Rounding, Scene, VelocityTable},
@@ -88,7 +88,8 @@ fn loop_of(scene: &Scene, hit: &WallHit, nudge_m: f64, samples: usize) -> Vec<(i
             let force_n = (push_n - wall_n).clamp(-full_n, full_n);
             asked.push((n as f64 + latency, force_n));
         }
-        // Commands that act from this sample to the next: the last one in effect, and one that takes effect in between.
+        // Commands that act from this sample to the next: the command in effect, and a command that takes effect in
+        // between.
         let (mut from, until) = (n as f64, n as f64 + 1.0);
         while let Some(&(at, force_n)) = asked.first().filter(|(at, _)| *at < until) {
             state = moved(scene, state, acting, (at - from) / rate_hz);

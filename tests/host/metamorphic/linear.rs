@@ -91,7 +91,8 @@ fn plant(of: &Loop) -> Matrix {
     let (mut stretches, mut next) = (vec![0], speed(masses.len()));
     for (body, to_ground, k, b) in links {
         let before = (!to_ground).then(|| body - 1);
-        // If springs connect all bodies from the handle to this one, the sum of the stretches is its position.
+        // If springs connect all bodies from the handle to this one, the sum of the stretches is the position of this
+        // body.
         let stretch = if to_ground && stretches.len() == body + 1 {
             stretches.clone()
         } else if k > 0.0 {
@@ -152,7 +153,7 @@ fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let queue = past + 2 * order;
     let states = queue + waiting;
     let mut all = identity(states);
-    // Delay in samples from the start of a period to the effect of a command of this start or of an earlier one.
+    // Delay in samples from the start of a period to the effect of a command from this start or from an earlier start.
     let turn = latency - every * (latency / every).floor();
     let whole = exponential(&a, sample_s);
     let parts = [turn.fract(), 1.0 - turn.fract()].map(|part| exponential(&a, part * sample_s));

@@ -72,7 +72,7 @@ crate::properties! {
                 held = if there { held + 1 } else { 0 };
                 assert!(f64::from(held) * output_s <= says.hold_s + 2.0 * output_s);
                 assert!(f64::from(outputs) * output_s <= 120.0 + 2.0 * output_s);
-                // On its way to the new force it never stops and never reverses.
+                // On the way to the new force, the force never stops changing and never reverses.
                 assert!(there || (percent / 100.0 - last) * (part - last) > 0.0);
                 last = part;
             }

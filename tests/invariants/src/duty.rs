@@ -106,7 +106,7 @@ crate::properties! {
     }
 
     /// Hits never make the winding warmer than its limit. Each hit begins when the board reports that the motor is
-    /// ready. None is longer than planned.
+    /// ready. No hit is longer than planned.
     never_too_warm(400, (motor, hits) in (
         motor(300),
         prop::collection::vec((0.0..=1.0f64, any::part(), 0u32..2000), 1..20),

@@ -39,7 +39,7 @@ fn points() -> impl Strategy<Value = Vec<Point>> {
 }
 
 /// Whether the documentation allows K and B. Between two points, K must be allowed at both. Below the first point, K is
-/// limited by the chord to it.
+/// limited by the chord to this point.
 fn is_inside(points: &[Point], k: f64, b: f64) -> bool {
     if k == 0.0 && b == 0.0 {
         return true;
@@ -120,8 +120,8 @@ crate::properties! {
         assert!(allows(&points, k, last * (1.0 + 1e-12)).is_err());
     }
 
-    /// The lowest and the highest gain that an error message prints are accepted when they are typed. A gain that is
-    /// one unit in the ninth digit beyond them is refused.
+    /// The lowest and the highest gain that an error message prints are accepted when they are typed. A gain outside
+    /// these two, by one unit in the ninth digit, is refused.
     printed(2000, (points, part, more) in (points(), any::part(), 0.0..1e6f64)) {
         let last = points[points.len() - 1].damping_n_s_per_m;
         let b = any::between(0.0, last, part);

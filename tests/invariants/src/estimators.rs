@@ -227,7 +227,7 @@ crate::properties! {
         let says = stated(&tuned.settings, &tuned.design);
         let mut random = Random(seed);
         let counts = any::counts(&pieces);
-        // Within the force that moves a handle: a larger known force may saturate the state.
+        // The known force is small, as in the motion of a handle. A larger known force may saturate the state.
         let push = |random: &mut Random| Force::saturating_from_bits((random.bits() as i32) >> 12);
         let senses: Vec<Senses> =
             counts.iter().map(|_| Senses { force: push(&mut random), ..Senses::NONE }).collect();
@@ -245,7 +245,7 @@ crate::properties! {
     }
 
     /// With ideal edge times, the velocity of time stamps is a mean of the true velocity, even around a reversal. In
-    /// either direction it never exceeds the handle's largest speed, except for the rounding of the times.
+    /// either direction the velocity never exceeds the handle's largest speed, except for the rounding of the times.
     true_edges(200, (span, phase, pieces) in (
         1u32..=62,
         0.0..1.0f64,

@@ -14,8 +14,8 @@ use crate::{
 
 crate::properties! {
     /// A move above its limit by one count, a speed above its limit by one LSB, and a missing output are found in their
-    /// sample. From then on every sample switches off until the fault is cleared. Only a due sample does not: its
-    /// output reports the fault.
+    /// sample. From then on every sample switches off until the fault is cleared. A due sample is the exception: the
+    /// output of this sample reports the fault.
     found_at_once(400, (period, jump, speed, samples, seed) in (
         prop_oneof![1u32..4, Just(10u32)],
         1u32..40,
@@ -91,8 +91,8 @@ crate::properties! {
         }
     }
 
-    /// The output task's view of the guard is never newer than the sample that the output answers. A zero is for this
-    /// sample.
+    /// The output task's view of the guard is never newer than the sample that the output answers. The view has the
+    /// zeros up to this sample.
     never_newer(500, (first, told) in (
         any::<u32>(),
         prop::collection::vec((0u32..30, 0u32..30), 1..40),
@@ -118,8 +118,8 @@ crate::properties! {
         }
     }
 
-    /// If a core was halted for longer than an output period and two samples, this is found once. A core whose outputs
-    /// are late by less than a period is never found.
+    /// If a core was halted for longer than an output period and two samples, this is found once. If the outputs are
+    /// late by less than a period, no halt is found.
     halts(500, (period, outputs, seed) in (prop_oneof![Just(1u32), Just(10), Just(100)], 2u32..60, any::<u64>())) {
         let mut random = Random(seed);
         let mut watch = HaltWatch::default();

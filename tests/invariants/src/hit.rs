@@ -18,7 +18,8 @@ fn positions() -> impl Strategy<Value = Vec<(i32, bool)>> {
     })
 }
 
-/// `n^2` times the variance, times 2^32. It is compared with `n^2` times the square of a limit in 2^-16 counts.
+/// `n^2` times the variance, times 2^32. The test compares this number with `n^2` times the square of a limit in 2^-16
+/// counts.
 fn scatter(window: &[(i32, bool)]) -> i128 {
     let n = window.len() as i128;
     // Relative to the first position, since a sum over all pairs would take too long.

@@ -76,7 +76,7 @@ impl Resonance {
         Self { rounding: 0.5 * shaped + 1.0, coefficients, gain, inside: 0.0 }
     }
 
-    /// Limits of this section if a second section follows, which makes the errors of this one larger.
+    /// Limits of this section if a second section follows, which makes the errors of this section larger.
     fn then(self, next: Self) -> Self {
         Self {
             rounding: self.rounding * next.gain + next.rounding,
@@ -132,7 +132,7 @@ impl Twin {
         }
     }
 
-    /// Largest difference of the integers from the equations at speeds up to `fastest`, LSB. Its causes are rounding,
+    /// Largest difference of the integers from the equations at speeds up to `fastest`, LSB. The causes are rounding,
     /// and rounded coefficients.
     pub fn lsb(&self, fastest: f64) -> f64 {
         match self {
@@ -145,14 +145,14 @@ impl Twin {
 /// How the first velocity after a restart depends on the counts.
 #[derive(Clone, Copy, Debug)]
 pub enum First {
-    /// This fraction of the difference, and at most this value in addition.
+    /// The first value is a fraction of the difference. The second value is the largest addition.
     Part(f64, f64),
-    /// The square root of the difference times this value.
+    /// This value times the square root of the difference.
     Root(f64),
     /// The difference, limited to this value.
     Bounded(f64),
-    /// The known acceleration: half of it is subtracted from the difference, and this fraction of the result is used.
-    /// The second value is the acceleration at full-scale force, or `None` if it is measured.
+    /// Half of the known acceleration is subtracted from the difference. The first value is the fraction of the result.
+    /// The second value is the acceleration at full-scale force, or `None` if the acceleration is measured.
     Known(f64, Option<f64>),
     /// A mean over this time, or the limit from one count since the last edge.
     Mean(f64),

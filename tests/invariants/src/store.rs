@@ -174,7 +174,7 @@ fn remains() -> impl Strategy<Value = [Option<(usize, usize)>; 2]> {
 fn survives<const UNIT: usize>(remains: [Option<(usize, usize)>; 2], steps: &[Step], seed: u64) {
     let mut flash = Flash::<UNIT>::left_by_others(remains, seed);
     let defaults = stored(-1.0, EstimatorName::Difference, [false; 3]);
-    // Allowed contents: after a cut, one of two.
+    // The allowed contents. After a cut, there are two.
     let mut may = vec![defaults];
     let (mut saved, names) = (false, EstimatorName::ALL);
     for (number, cut) in steps {

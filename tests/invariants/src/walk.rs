@@ -142,8 +142,9 @@ fn told(grid: &Grid, world: &World) -> Told {
 }
 
 crate::properties! {
-    /// A walk has the hits, boundary, area and end of a walk that is described column by column in whole numbers,
-    /// whatever walls are stable. After its end it stays within its largest values and repeats its answer.
+    /// A walk has the same hits, boundary, area and end as a second walk, which is described column by column in whole
+    /// numbers. This is true for any set of stable walls. After the end the walk stays within its largest values and
+    /// repeats its answer.
     told_column_by_column(300, (grid, world) in (grid(), world())) {
         let told = told(&grid, &world);
         let settings = grid.settings();

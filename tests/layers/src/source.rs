@@ -56,7 +56,7 @@ impl Source {
         Self::of(texts, folders, own_names)
     }
 
-    /// As [`read`](Self::read), with path and text of each file.
+    /// Does the same as [`read`](Self::read), with path and text of each file.
     pub fn of(
         texts: Vec<(String, String)>,
         folders: &[&str],
@@ -211,7 +211,7 @@ fn tokens(text: &str) -> Vec<(usize, String)> {
     tokens
 }
 
-/// The end of the raw string that begins here; `None` if none begins here.
+/// The end of the raw string that begins here; `None` if no raw string begins here.
 fn raw_string(text: &str) -> Option<String> {
     let rest = text.strip_prefix("br").or_else(|| text.strip_prefix('r'))?;
     let hashes = rest.len() - rest.trim_start_matches('#').len();

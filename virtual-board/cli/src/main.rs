@@ -256,7 +256,7 @@ fn run(
             if ended {
                 return Ok(());
             }
-            // Input from a pipe is waited for, so that each run gives the same result.
+            // The program waits for input from a pipe, so that each run gives the same result.
             match lines.recv_timeout(if live { Duration::ZERO } else { LOOK }) {
                 Ok(line) => waiting = typed(&mut world, units, line?.trim())?,
                 Err(RecvTimeoutError::Timeout) if live => {}

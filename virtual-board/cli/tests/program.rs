@@ -1,4 +1,5 @@
-//! Tests the command line without a firmware: bad input, output files, interruption. Tests with one are in tests/elf.
+//! Tests the command line without a firmware: bad input, output files, interruption. Tests with a firmware are in
+//! tests/elf.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a test fails loudly")]
 

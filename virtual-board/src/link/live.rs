@@ -62,7 +62,7 @@ impl LiveBoard {
         Self::with_gdb(session, begin, None)
     }
 
-    /// As [`start`](Self::start), with a port for gdb. The listener must not block.
+    /// Switches a board on as [`start`](Self::start) does, with a port for gdb. The listener must not block.
     ///
     /// # Errors
     /// As [`start`](Self::start).

@@ -24,7 +24,7 @@ mod channels;
 #[cfg(test)]
 mod tests;
 
-/// A board with nothing but errors for so long is lost. A reset takes less time.
+/// Time with nothing but errors after which a board is treated as lost. A reset takes less time.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Longest wait for an answer. An answer usually takes some milliseconds; after a `save` it takes a second.
 const ANSWER: Duration = Duration::from_secs(2);
@@ -40,7 +40,7 @@ pub trait Core: Memory<Error = String> {
     /// Whether the core is halted.
     ///
     /// # Errors
-    /// The probe cannot tell.
+    /// The probe cannot read the core's state.
     fn is_halted(&mut self) -> Result<bool, String>;
 }
 
@@ -49,7 +49,7 @@ pub trait Probe {
     /// Opens the core. Opening takes as long as several transfers, so one opening serves all channels.
     ///
     /// # Errors
-    /// The core could not be reached; one line of text.
+    /// The core could not be reached. The error is one line of text.
     fn core(&mut self) -> Result<impl Core, String>;
 }
 
@@ -101,7 +101,7 @@ impl<P: Probe> ProbeLink<P> {
     /// Takes over a probe that is attached to a board with the program `elf`. Sends `disarm` and asks for the state.
     ///
     /// # Errors
-    /// The board has another program, does not run or does not answer; one line of text.
+    /// The board has another program, does not run or does not answer. The error is one line of text.
     pub fn attach(mut probe: P, elf: &Elf) -> Result<(Self, Met), String> {
         let address = elf.address_of("_SEGGER_RTT").ok_or("the ELF has no symbol _SEGGER_RTT")?;
         compare(&mut probe.core()?, elf)?;
@@ -126,7 +126,7 @@ impl<P: Probe> ProbeLink<P> {
         self.ask(b"\ndisarm\n", is_off, patience).map(drop)
     }
 
-    /// Sends a line and waits for its answer. It also tries this with a lost board.
+    /// Sends a line and waits for its answer. This is also tried with a lost board.
     fn ask(
         &mut self,
         line: &[u8],

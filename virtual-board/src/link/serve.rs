@@ -26,7 +26,7 @@ const TRIES: usize = 100;
 /// Ports to listen on; 0: any free port.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Ports {
-    /// The first of three.
+    /// The first of three consecutive ports.
     pub rtt: u16,
     pub gdb: Option<u16>,
 }

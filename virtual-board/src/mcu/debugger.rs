@@ -112,8 +112,8 @@ impl Mcu {
     }
 
     pub fn end_halt(&mut self, halt: &Halt, moe: AfterHalt) {
-        // If DMA2 stored during the halt, this store has switched the outputs off. They stay off until the program
-        // acts.
+        // If DMA2 stored a word during the halt, this store has switched the outputs off. The outputs stay off until
+        // the program acts.
         let kept = halt.stored == self.stored_by_dma;
         let running = halt.resets == self.resets && kept && !self.soc.stop.load(Relaxed);
         if halt.masked && running && moe == AfterHalt::Kept {

@@ -1,5 +1,5 @@
-//! The encoder's signals A and B. TIM2 counts their edges. On a board that also wires them to TIM3, TIM3 captures the
-//! times of the edges.
+//! The encoder's signals A and B. TIM2 counts their edges. On a board that also wires the signals to TIM3, TIM3
+//! captures the times of the edges.
 
 use std::{
     collections::VecDeque,
@@ -283,7 +283,7 @@ impl Mcu {
         self.soc.encoder.readings()
     }
 
-    /// As [`counter_readings`](Self::counter_readings), and clears the list.
+    /// Returns the same list as [`counter_readings`](Self::counter_readings), and clears it.
     pub fn take_counter_readings(&mut self) -> Vec<u32> {
         self.soc.encoder.take_readings()
     }

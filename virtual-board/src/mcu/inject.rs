@@ -22,7 +22,7 @@ impl Mcu {
         self.soc.cpu.with_sys(|sys| sys.set_enable(Exception(exception), !masked));
     }
 
-    /// Runs until the core executes in `exception`; 0: until it is awake and in no exception.
+    /// Runs until the core executes in `exception`; 0: until the core is awake and in no exception.
     ///
     /// # Errors
     /// The core locked up.

@@ -54,7 +54,8 @@ pub(super) struct Break {
 }
 
 /// The pin of the break input. The timer sees the pin only while the port connects it to TIM1 (alternate function 1;
-/// RM0390 7.3.2, RM0090 8.3.2). Otherwise the timer sees a low level. The input is active high, so this means no break.
+/// RM0390 7.3.2, RM0090 8.3.2). Otherwise the timer sees a low level. The input is active high, so a low level means no
+/// break.
 #[derive(Clone, Debug)]
 pub(super) struct BreakInput {
     port: Arc<dyn MemOps>,

@@ -1,7 +1,7 @@
 //! The emulated microcontroller. No other module uses the emulator crate.
 //!
 //! Instructions are exact; their cycles are approximate. The core's cycle model has zero wait states. An exception's
-//! entry takes 12 cycles and 8 stacking accesses. Its return takes about 18 cycles. So each interrupt takes some 16
+//! entry takes 12 cycles and 8 stacking accesses. The return takes about 18 cycles. So each interrupt takes some 16
 //! cycles more than on silicon. No cycle count was compared with silicon.
 //!
 //! This module adds what the emulator lacks: four priority bits, the vector table's address, TIM1's break input and

@@ -1,4 +1,4 @@
-//! PWR's port: the supply and its voltage detector. The emulator has no input for them.
+//! PWR's port: the supply and its voltage detector. The emulator has no input for the supply.
 
 use std::sync::{
     Arc, OnceLock,
@@ -85,7 +85,7 @@ impl Supply {
         [&self.mv, &self.control, &self.low].map(|word| word.load(Relaxed))
     }
 
-    /// Restores the state. Devices that see the detector's output must be restored after it.
+    /// Restores the state. Devices that see the detector's output must be restored after this call.
     pub(super) fn restore(&self, from: [u32; 3]) {
         for (to, from) in [&self.mv, &self.control, &self.low].into_iter().zip(from) {
             to.store(from, Relaxed);

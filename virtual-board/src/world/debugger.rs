@@ -22,7 +22,7 @@ impl World<'_> {
         self.moved_to = self.powered.mcu.now();
     }
 
-    /// Halts the core and the plant. A step of the plant may be interrupted. It goes on after the halt.
+    /// Halts the core and the plant. An interrupted step of the plant continues after the halt.
     pub fn begin_halt(&mut self) -> Halted {
         let Powered { mcu, amplifier, .. } = &mut self.powered;
         let (sum, begun) = (amplifier.pause(mcu.now()), mcu.now());

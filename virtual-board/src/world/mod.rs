@@ -1,8 +1,8 @@
-//! A board in closed loop: the plant of a scene moves its encoder, and its amplifier drives the plant.
+//! A board in closed loop: the plant of a scene moves the board's encoder, and the board's amplifier drives the plant.
 //!
-//! The plant moves in [`STEPS`] exact steps per sample, each with the mean force during it. The steps end [`LEAD_S`]
-//! before the samples. Within this time the encoder's edges are shown. So a count that the program reads is the plant's
-//! position [`LEAD_S`] earlier. This delay is part of the latency.
+//! The plant moves in [`STEPS`] exact steps per sample, each with the mean force during the step. The steps end
+//! [`LEAD_S`] before the samples. Within this time the encoder's edges are shown. So a count that the program reads is
+//! the plant's position [`LEAD_S`] earlier. This delay is part of the latency.
 //!
 //! A program may use the times of the edges ([`World::with_edge_times`]). Then each step is as long as [`LEAD_S`], and
 //! each edge is shown exactly [`LEAD_S`] after the plant has passed it.
@@ -58,7 +58,7 @@ pub struct World<'a> {
     current: CurrentSettings,
     /// The current signal after its filter, fraction of full scale.
     filtered: f64,
-    /// Position at which a hand holds the handle. The hand moves it at [`led_m_per_s`](Self::led_m_per_s).
+    /// Position at which a hand holds the handle. The hand moves this position at [`led_m_per_s`](Self::led_m_per_s).
     held: Option<f64>,
     led_m_per_s: f64,
     /// Finger that pulls at the handle while no hand holds it.
@@ -277,7 +277,7 @@ impl<'a> World<'a> {
         self.state = self.plant.at_rest(position_m);
     }
 
-    /// A hand moves the handle from its present position at this speed, until it holds or releases the handle.
+    /// A hand moves the handle from its present position at this speed, until the hand holds or releases the handle.
     pub fn lead(&mut self, speed_m_per_s: f64) {
         self.held = Some(self.position_m());
         self.led_m_per_s = speed_m_per_s;
@@ -412,7 +412,8 @@ impl<'a> World<'a> {
         true
     }
 
-    /// Swaps the encoder's channels, so that it counts in the opposite direction from here on, or restores them.
+    /// Swaps the encoder's channels, so that the encoder counts in the opposite direction from here on. Or restores the
+    /// channels.
     pub fn swap_channels(&mut self, swapped: bool) {
         self.swapped_at = swapped.then(|| self.encoder.count(self.position_m()));
     }

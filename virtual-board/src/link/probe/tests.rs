@@ -1,4 +1,5 @@
-//! A simulated board behind a probe, at the level of its memory. It answers as the firmware does, and can fail.
+//! A simulated board behind a probe, at the level of its memory. The simulated board answers as the firmware does, and
+//! can fail.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
