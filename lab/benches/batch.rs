@@ -3,7 +3,7 @@
 //! counts, because other work on the machine can only slow a round down.
 //!
 //! `cargo bench -p host-sim-bench --bench batch -- --figure STEM` measures something else: time and memory, against the
-//! number of hits and of samples. It writes STEM.csv and STEM.png.
+//! number of hits and of samples. This command writes STEM.csv and STEM.png.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -78,7 +78,7 @@ fn plain_throughput() -> f64 {
     8.0 * SAMPLES as f64 / began.elapsed().as_secs_f64()
 }
 
-/// The largest value. It comes from the round with the least disturbance by other work on the machine.
+/// The largest value: the value of the round with the least disturbance by other work on the machine.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }

@@ -49,7 +49,7 @@ impl Filter for Sum {
     }
 }
 
-/// The tracking loop. The estimator `smoothing` uses it too.
+/// The tracking loop. The estimator `smoothing` uses the same loop.
 struct Tracking {
     gains: TrackingLoop,
     error: f64,

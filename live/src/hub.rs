@@ -45,7 +45,7 @@ const WAITING: usize = 64;
 const NO_COMMAND: &[u8] = b"?\n";
 /// A command with an unknown estimator, and the beginning of its error reply. The reply lists the image's estimators.
 const ESTIMATORS: [&str; 2] = ["estimator ?", "error: unknown estimator, allowed "];
-/// The first commands to a board. They are repeated after a reset of the board.
+/// The first commands to a board. These commands are repeated after a reset of the board.
 const GREETING: [&str; 4] = ["version", ESTIMATORS[0], "get", "status"];
 /// A person's finger: a light grip, and the finger's largest force.
 const FINGER: Finger =
@@ -221,8 +221,8 @@ impl Hub {
         self.board.as_ref().map(|board| board.seen())
     }
 
-    /// Offset from the board's positions to the scene's. It is rounded to 1 mm, because the handle moves between the
-    /// two readings.
+    /// Offset from the board's positions to the scene's. The offset is rounded to 1 mm, because the handle moves
+    /// between the two readings.
     fn offset_m(&self, resolution_m: f64) -> f64 {
         let record = self.known().record;
         let (Some(seen), Some(record)) = (self.seen(), record) else { return 0.0 };
@@ -506,7 +506,7 @@ impl Talk {
                 }
             }
             Some(_) => {}
-            // This is a reply to an earlier host's command.
+            // The line is a reply to an earlier host's command.
             None if is_answer
                 && self.pending.as_ref().is_some_and(|asked| asked.line == GREETING[0]) => {}
             None => known.say(From::Board, line, None),
@@ -514,7 +514,8 @@ impl Talk {
     }
 
     fn read_log(&mut self) {
-        // Only the bytes of the previous turn are decoded: the replies that came with them have been read by now.
+        // Only the bytes of the previous turn are decoded: the replies that came with these bytes have been read by
+        // now.
         let bytes = std::mem::take(&mut self.logged);
         self.link.read(LOG, &mut self.logged);
         let Some(log) = &mut self.log else { return };

@@ -26,7 +26,7 @@ pub struct Predicted {
     pub points: Vec<[f64; 2]>,
     /// Area under the boundary, N^2 s/m^2.
     pub area: f64,
-    /// Boundary of the quiet walls, whatever the scene's criterion is; empty if the grid has no quiet wall.
+    /// Boundary of the quiet walls, with any criterion in the scene; empty if the grid has no quiet wall.
     pub quiet: Vec<[f64; 2]>,
     /// Area under the quiet boundary, N^2 s/m^2.
     pub quiet_area: f64,

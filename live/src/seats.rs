@@ -29,8 +29,8 @@ impl Seats {
         self.last
     }
 
-    /// Removes a page. Returns whether the page was the owner. If it was, the page that has asked for control becomes
-    /// the owner. If no page has asked, there is no owner.
+    /// Removes a page. Returns whether the page was the owner. If the owner is removed, the page that has asked for
+    /// control becomes the owner. If no page has asked, there is no owner.
     pub fn leave(&mut self, page: u64) -> bool {
         self.pages.retain(|(other, _)| *other != page);
         self.asking = self.asking.filter(|other| *other != page);
@@ -41,7 +41,7 @@ impl Seats {
         owned
     }
 
-    /// Notes that a page asks for control. Returns whether it must wait for the owner.
+    /// Notes that a page asks for control. Returns whether the page must wait for the owner.
     pub fn ask(&mut self, page: u64) -> bool {
         let waits = self.owner.is_some_and(|owner| owner != page);
         match waits {

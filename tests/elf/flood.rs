@@ -39,7 +39,7 @@ const SENDS: u64 = 1_000;
 
 /// Texts that the host repeats.
 fn floods() -> [(&'static str, Vec<u8>); 5] {
-    // A multiplicative generator. It gives all bytes, including ends of lines.
+    // A multiplicative generator. The generator gives all bytes, including ends of lines.
     let noise = (0..4096).scan(1u32, |seed, _| {
         *seed = seed.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
         Some((*seed >> 24) as u8)

@@ -173,7 +173,8 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
     }
 }
 
-/// `link` supervises the image check of `idle`. It finds a wrong result of the check, and a check that does not end.
+/// `link` supervises the image check of `idle`. `link` finds a wrong result of the check, and a check that does not
+/// end.
 #[test]
 fn passes_that_are_wrong_or_do_not_end_are_found_without_idle() {
     let firmware = Firmware::of(NUCLEO_F446RE);

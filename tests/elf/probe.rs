@@ -31,7 +31,7 @@ const FLASH: u32 = 0x0800_0000;
 
 type Act = Box<dyn FnOnce(&mut World<'static>) + Send>;
 
-/// A board in its own thread. Its time advances with each access.
+/// A board in its own thread. The board's time advances with each access.
 #[derive(Clone)]
 struct Bench(Sender<Act>);
 

@@ -1,4 +1,5 @@
-//! Quiet hits by the release ELF, push by push. They are compared with the simulator's hits from the same starts.
+//! Quiet hits by the release ELF, push by push. The tests compare these hits with the simulator's hits from the same
+//! starts.
 
 use host_sim::{
     scene::{Criterion, NamedScene, RmsOf, Scene},

@@ -57,7 +57,7 @@ fn bytes_of(firmware: &Firmware) -> Vec<u8> {
 /// Boots with this record and runs some samples. Returns the board's first message. Then all commands but three are
 /// refused.
 ///
-/// Such a board polls its link and does not sleep. This makes the emulation twenty times slower.
+/// A board with a refused record polls its link and does not sleep. So the emulation is twenty times slower.
 fn refused(firmware: &Firmware, record: &[u8], samples: u64) -> String {
     let elf = firmware.elf.with_record(record).unwrap();
     let Firmware { board, table, scene, .. } = firmware;

@@ -31,7 +31,7 @@ const CUTOFF_HZ: f64 = 1500.0;
 /// Largest relative difference of the areas. The boundary is chaotic at its edge: if the start moves by a fraction of a
 /// count, the area changes by some 2 %. So the board's area is compared with the mean of the simulator's areas.
 const AREA_TOLERANCE: f64 = 0.05;
-/// Number of the simulator's walks. Their starts are spread over one count.
+/// Number of the simulator's walks. The starts of these walks are spread over one count.
 const REPEATS: u32 = 16;
 
 /// The session of a board with its own scene, after `edit`.
@@ -372,7 +372,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept(board: Board
     assert!((-1_002..=-998).contains(&counts), "{counts}");
     world.hold(world.position_m(), false);
     world.run(5_000).unwrap();
-    // With only the encoder reversed the sign test fails. With both reversed it passes.
+    // With only the encoder reversed, the sign test fails. With encoder and motor reversed, the sign test passes.
     ok(&mut world, "zero");
     ok(&mut world, "arm");
     world.run(2_000).unwrap();

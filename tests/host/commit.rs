@@ -10,7 +10,7 @@ use std::{
 #[path = "../../build.rs"]
 mod build_script;
 
-/// A temporary folder. It is removed when the value is dropped.
+/// A temporary folder, which is removed when the value is dropped.
 struct Folder(PathBuf);
 
 impl Folder {

@@ -79,7 +79,8 @@ fn the_front_holds_the_areas_of_an_independent_search() {
             assert!(area >= least, "{name} {peak_db} dB: {area}");
         }
     }
-    // With the coarser encoder the other program's area of 704 is not reached. docs/lab/design.md lists the attempts.
+    // With the coarser encoder, `design` does not reach the independent program's area of 704. docs/lab/design.md lists
+    // the attempts.
     for (name, least) in [("paper-1um", OF_THEIRS * 950.0), ("paper-2um", 600.0)] {
         let mut hand = scene(name);
         hand.wall_hit.push_by = PushBy::Hand;

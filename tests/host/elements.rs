@@ -321,7 +321,8 @@ fn refusals_name_key_value_and_range() {
         (vec![&ENCODER_NOISE.replace("5e-7", "-1")], "encoder_noise.rms_m is -1, allowed 0 to 1"),
         (vec![&ENCODER_NOISE.replace("5e-7", "nan")], "encoder_noise.rms_m is NaN, allowed 0 to 1"),
         (vec![&JITTER.replace("5e-6", "1e-4")], "jitter.peak_s is 0.0001, allowed 0 to"),
-        // 50 kN s/m on 0.416 kg gives 8 us. This is too fast for two steps of Runge-Kutta in 100 us, but not for seven.
+        // 50 kN s/m on 0.416 kg gives a time constant of 8 us. This time constant is too short for two steps of
+        // Runge-Kutta in 100 us, but not for seven.
         (
             vec![&SPRING.replace("damping_n_s_per_m = 50", "damping_n_s_per_m = 5e4"), RK4],
             "integrator.steps_per_sample is 2, allowed 5 to 10000: the fastest time constant is 8.3e-6 s",

@@ -1,5 +1,5 @@
-//! NaN and infinities at every input. Each such number from a person or a file is refused with its name. So no later
-//! code gets one.
+//! NaN and infinities at every input. If a person or a file gives one of these values, it is refused with its name. So
+//! no later code gets these values.
 
 use host_sim::scene::NamedScene;
 use zwidth::{
@@ -258,7 +258,8 @@ fn made<S, T>(
     build(settings)
 }
 
-/// Sets one field after another to a number that is not finite. Each is refused with its name.
+/// Sets one field after another to a number that is not finite. Each of these numbers is refused with the name of the
+/// field.
 macro_rules! each_bad {
     ($type:ident { $($field:ident),+ $(,)? } of $good:ident, $build:expr) => {$(
         for bad in BAD {

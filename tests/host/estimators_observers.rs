@@ -239,7 +239,7 @@ fn fusion_rejects_the_bias_and_follows_without_delay() {
 ///
 /// The core computes the tracking loop as a low-pass with coefficients of 30 fractional bits. The sum ki of these
 /// coefficients has an error of up to 2^-31. This changes the response by a fraction of up to 2 * 2^-31 / ki, and the
-/// damping by less. The observer's gains have 32 bits of their own.
+/// damping by less. The observer's gains have 32 bits.
 fn twin_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
     match *settings {
         VelocitySettings::TrackingLoop { bandwidth_hz } => {

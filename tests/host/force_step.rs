@@ -2,8 +2,8 @@
 //! position and velocity. The test runs guard, supervisor and a simulated device. The firmware's own rules decide which
 //! commands are accepted.
 //!
-//! A twin gives the effect of position and velocity. It is a copy of sampler and supervisor from before the change. It
-//! gets the same counts, and uses the old settings for one more output.
+//! A twin gives the effect of position and velocity. The twin is a copy of sampler and supervisor from before the
+//! change. The twin gets the same counts, and uses the old settings for one more output.
 
 use host_sim::{
     plant::{Plant as _, PlantStep},
@@ -194,7 +194,7 @@ fn ask() -> impl Strategy<Value = Ask> {
     ]
 }
 
-/// Numbers of events. They show that the test has covered these events.
+/// Numbers of events. The numbers show that the test has covered these events.
 #[derive(Debug, Default)]
 struct Seen {
     changes: u32,
@@ -205,7 +205,7 @@ struct Seen {
 }
 
 /// Runs a hit of 0.3 s with changes at these samples. Each change takes effect some samples after it was accepted.
-/// Compares each output with its twin.
+/// Compares each output with the twin's output.
 fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(), TestCaseError> {
     let mut real = start.clone();
     let mut twin = real.clone();
@@ -281,8 +281,8 @@ fn no_change_at_any_instant_of_a_hit_makes_the_force_step() {
     assert!(seen.refused_late > 5);
 }
 
-/// A wide filter follows every flicker of the counts. A very narrow filter must not take the slope of the last flicker
-/// for an acceleration. The narrow filter must start from the velocity.
+/// A wide filter follows every flicker of the counts. A very narrow filter must not treat the slope of the last flicker
+/// as an acceleration. The narrow filter must start from the velocity.
 #[test]
 fn a_very_low_cutoff_does_not_go_on_from_the_slope_of_a_high_one() {
     let deviation = |restarted: bool| {

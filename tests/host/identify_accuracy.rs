@@ -159,7 +159,8 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Identifies every device with every seed. Prints coverage and widths. Returns the coverage over all of them.
+/// Identifies every device with every seed. Prints coverage and widths. Returns the coverage over all devices and
+/// seeds.
 fn campaign(name: &str, base: Made, seeds: u64) -> f64 {
     let cases: Vec<(Device, u64)> = devices()
         .into_iter()

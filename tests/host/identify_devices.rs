@@ -160,7 +160,7 @@ impl Case {
         let rows = (seconds * rate_hz) as usize;
         let step_s = 1.0 / rate_hz;
         let mass = decades!(0.02, 5.0);
-        // A speed, and the time to reach it. Force and damping follow from them.
+        // A speed, and the time to reach it. Force and damping follow from speed and time.
         let (speed, rise_s) = (decades!(0.02, 1.0), seconds * decades!(0.01, 0.2));
         let accelerates = mass * speed / rise_s;
         let damping = mass / (rise_s * decades!(0.2, 20.0));

@@ -42,7 +42,7 @@ impl Memories {
 
 #[derive(Clone)]
 pub struct Channels {
-    /// Bytes that the console has not read yet. The caller appends to them.
+    /// Bytes that the console has not read yet. The caller appends bytes.
     pub typed: VecDeque<u8>,
     /// Lines of replies that the host has not taken yet.
     pub replies: Vec<u8>,
@@ -56,7 +56,7 @@ pub struct Channels {
     in_force: LoopParameters,
 }
 
-/// Appends bytes to the host's buffer if all of them fit. Returns whether they fit.
+/// Appends bytes to the host's buffer if all bytes fit. Returns whether all bytes fit.
 fn put(up: &mut Vec<u8>, said: &[u8]) -> bool {
     let room = up.len() + said.len() <= UNREAD;
     if room {

@@ -69,8 +69,8 @@ pub fn read(record: &[u8], board: Board) -> Result<Device<'static>, Error> {
     Device::from_record(words(record).leak(), &board_facts(board.name)?).map_err(Error::input)
 }
 
-/// Checks that the board's record and the scene use the same units. An invalid record passes, since the board itself
-/// reports that error.
+/// Checks that the board's record and the scene use the same units. An invalid record is not an error here, since the
+/// board itself reports an invalid record.
 ///
 /// # Errors
 /// Of record and scene, one is linear and one is rotary, or the radii differ.

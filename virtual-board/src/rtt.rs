@@ -118,7 +118,7 @@ impl Block {
         [self.word(16), self.word(20)]
     }
 
-    /// Addresses and sizes of the buffers, by channel. The program sets them once.
+    /// Addresses and sizes of the buffers, by channel. The program sets addresses and sizes once.
     pub fn buffers(&self) -> [[u32; 2]; CHANNELS as usize] {
         [0, 1, 2, 3].map(|index| {
             let ring = self.ring(index);

@@ -157,7 +157,7 @@ pub struct WalkReport {
 /// Samples after which a released handle is at rest.
 const REST_SAMPLES: u64 = 15_000;
 const ARM_SAMPLES: u64 = 4_000;
-/// Longest wait for a line of an experiment, samples. It includes cooling down, the return move and the hit.
+/// Longest wait for a line of an experiment, samples. This time includes cooling down, the return move and the hit.
 const LINE_SAMPLES: u64 = 3_000_000;
 
 impl Session {
@@ -226,7 +226,7 @@ impl Session {
     }
 
     /// Boots the board while a hand holds the handle at the scene's 0, and sets the zero there. So the board's
-    /// positions are the scene's. Then releases the handle and waits until it rests.
+    /// positions are the scene's. Then releases the handle and waits until the handle rests.
     ///
     /// # Errors
     /// As [`boot`](Self::boot), or the board refused `zero`.

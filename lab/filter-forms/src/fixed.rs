@@ -35,7 +35,8 @@ pub(crate) fn round(value: f64) -> f64 {
 }
 
 impl<W: Word> Coefficients<W> {
-    /// Coefficients by the core's rule: `b0`, `a2` and the DC sum `4 b0` are rounded. `a1` and `b1` follow from them.
+    /// Coefficients by the core's rule: `b0`, `a2` and the DC sum `4 b0` are rounded. `a1` and `b1` follow from these
+    /// values.
     ///
     /// # Errors
     /// The DC sum rounds to 0, so the output could not move.
@@ -60,7 +61,7 @@ fn sum<W: Word>(c: &Coefficients<W>, x: [W; 3], y: [W; 2]) -> W::Wide {
         - c.a[1].times(y[1])
 }
 
-/// Direct form 1 without error feedback. It saturates as the core does.
+/// Direct form 1 without error feedback. The output saturates as in the core.
 #[derive(Clone, Copy, Debug)]
 pub struct Direct1<W: Word> {
     c: Coefficients<W>,

@@ -1,5 +1,5 @@
-//! State-variable and delta form in fixed point. Their states are integrators in wide words. So the important
-//! coefficients are accurate even at a low cutoff.
+//! State-variable and delta form in fixed point. The states of both forms are integrators in wide words. So the
+//! important coefficients are accurate even at a low cutoff.
 //!
 //! The equations are in [`crate::float`]. The delta form feeds its rounded output back through both integrators. This
 //! acts as second-order error feedback. The state-variable form continues with the value before rounding. So the

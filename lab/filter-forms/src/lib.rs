@@ -245,7 +245,7 @@ impl Filter {
         self.visit(Update(input))
     }
 
-    /// Updates the filter by all samples in their order. Each output replaces its input.
+    /// Updates the filter by all samples in their order. The outputs replace the inputs.
     pub fn update_all(&mut self, samples: &mut [i32]) {
         self.visit(UpdateAll(samples));
     }

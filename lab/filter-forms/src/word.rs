@@ -98,7 +98,8 @@ word!(
     |value| value.clamp(i16::MIN.into(), i16::MAX.into()) as i16,
     |word, wide, bits| ((i64::from(word) * i64::from(wide) + (1 << (bits - 1))) >> bits) as i32
 );
-// Two products of 32-bit words, as in the core's multiplier. Their sum is below 2^63 if |wide| is below 2^62.
+// Two products of 32-bit words, as in the core's multiplier. The sum of the two products is below 2^63 if |wide| is
+// below 2^62.
 word!(
     i32,
     i64,

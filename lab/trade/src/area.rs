@@ -144,7 +144,7 @@ pub fn measure(
     stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<Vec<Option<Areas>>, Error> {
-    // Walks at high cutoffs take longest, so they start first.
+    // Walks at high cutoffs take longest, so these walks start first.
     let jobs: Vec<(usize, usize, u32)> = (0..cutoffs_hz.len())
         .rev()
         .flat_map(|cutoff| (0..Variant::ALL.len()).map(move |variant| (cutoff, variant)))

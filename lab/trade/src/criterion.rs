@@ -68,7 +68,7 @@ pub const AREA: f64 = 0.02;
 
 const LSB: f64 = 1.0 / LSB_PER_COUNT;
 
-/// Allowed error, if the encoder causes an RMS of `encoder`. Both are in counts per sample.
+/// Allowed error, if the encoder causes an RMS of `encoder`. Error and RMS are in counts per sample.
 pub fn allowed_noise(encoder: f64) -> f64 {
     (NOISE * encoder).max(LSB)
 }

@@ -1,4 +1,5 @@
-//! Largest output after the handle has stopped. It shows a limit cycle, or an output that does not return to 0.
+//! Largest output after the handle has stopped. A large value means a limit cycle, or an output that does not return to
+//! 0.
 
 use filter_forms::Filter;
 

@@ -137,7 +137,7 @@ pub fn say(question: &Question) -> Answered {
     })
 }
 
-/// Messages for the page. The JSON says whether the last block is text. The other blocks are values to plot.
+/// Messages for the page. The JSON has a flag for a last block of text. All other blocks are values to plot.
 pub fn tick() -> Answered {
     running(|running| {
         let tick = running.page.tick();

@@ -1,8 +1,8 @@
 //! The page without a server, for WebAssembly in a worker: the release ELF on the virtual board, and the simulator.
 //!
 //! The interface has four functions. A worker gets memory by [`zwidth_input`] and writes a question there: JSON, then
-//! its data. It calls [`zwidth_ask`] and reads the answers. No bindings are generated. So the module needs only the
-//! compiler, and it calls no function of the browser. `assets/module.js` is the worker's side.
+//! the question's data. Then the worker calls [`zwidth_ask`] and reads the answers. No bindings are generated. So the
+//! module needs only the compiler, and calls no function of the browser. `assets/module.js` is the worker's side.
 #![deny(unsafe_code)] // except for the exported names
 
 mod board;

@@ -109,7 +109,7 @@ fn a_file_is_no_built_in_scene() {
     assert_eq!(rows(Some(&text)), 0);
 }
 
-/// The core without a chip serves the page: it takes commands, replies, and can be stopped.
+/// The core without a chip serves the page: the core obeys commands, replies, and can be stopped.
 #[test]
 fn the_core_is_a_board_for_the_page() {
     let (_, hello) = ask(&json!({ "ask": "start", "scene": "paper-2um", "core": true }));

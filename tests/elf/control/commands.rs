@@ -124,7 +124,7 @@ fn every_command_works_in_any_order_with_garbage_between() {
         changed += u32::from(now != settings);
         settings = now;
         if n % 50 == 49 {
-            // Switches the force on again, whatever state the commands have left.
+            // Switches the force on again, from any state after the commands.
             for line in
                 ["stop", "disarm", "clear", "motor +", "encoder +", "fullscale 5.906", "stream on"]
             {

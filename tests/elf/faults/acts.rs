@@ -1,6 +1,5 @@
 //! Hardware that does not do what the program commands: a DAC with a wrong output, converters that stop, an amplifier
-//! with a constant force while the handle does not move. Without a defect there is no false alarm, whatever the force
-//! is.
+//! with a constant force while the handle does not move. Without a defect there is no false alarm at any force.
 
 use host_sim::scene::{MotorTable, NamedScene, Scene};
 use virtual_board::{
@@ -36,7 +35,7 @@ fn saying(board: Board, [current_sense_rest, current_sense_full]: [Option<f64>; 
     Firmware { elf, scene, ..plain }
 }
 
-/// Time until enable is inactive, ms; `None` if this takes longer than 0.1 s.
+/// Time until enable is inactive, ms; `None` if the time is longer than 0.1 s.
 fn off_ms(world: &mut World<'_>) -> Option<f64> {
     let begun = world.powered.mcu.now();
     world.run(1000).unwrap();

@@ -1,5 +1,5 @@
 //! Damage of RTT's control block, of the end of the stack, of clock and chip. The program must not write to a wrong
-//! address. If it waits, it must report why.
+//! address. A program that waits must report why.
 
 use virtual_board::{
     board::{BOARDS, Board, Powered},

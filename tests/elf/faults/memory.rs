@@ -1,5 +1,5 @@
-//! Bits that flip in the memory of `render`, and in the data that it gives to `sample`. Data that decides a force is
-//! stored twice.
+//! Bits that flip in the memory of `render`, and in the data that `render` gives to `sample`. Data that decides a force
+//! is stored twice.
 
 use virtual_board::{
     board::Board,
@@ -105,7 +105,8 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     }
     println!("{}: found {found:?}, off after {:.3} ms at most", board.name, longest * 1e3);
     figure(&format!("elf/faults/memory/{}", board.name), longest * 1e6);
-    // Each value and its copy. The surface is in words of `render` and in the valid one of the two buffers of `sample`.
+    // Each value and its copy are found. The surface is in words of `render` and in one of the two buffers of `sample`,
+    // the valid buffer.
     assert!(found[0] == 2 && found[1] == 2 * 3 && found[2] >= 3 && found[3] >= 3, "{found:?}");
     assert!(longest <= OFF_S, "{longest}");
 }

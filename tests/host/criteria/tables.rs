@@ -1,4 +1,4 @@
-//! The tables of docs/lab/criteria-measured.md. They take minutes, so they run in CI only.
+//! The tables of docs/lab/criteria-measured.md. These tests take minutes, so they run in CI only.
 
 use host_sim::{
     analysis::compare::with_filter,
@@ -47,7 +47,7 @@ fn table_in(
 }
 
 /// Compares areas in 10^6 N^2 s/m^2 with a row of a table. Each cell above 1 must be within 3 % of the areas of four
-/// starts. Returns the number of compared cells, and how many are outside.
+/// starts. Returns the number of compared cells, and the number of cells outside this range.
 fn hold_row(name: &str, results: &[LimitResult], limit: Limit, expected: &[f64]) -> [usize; 2] {
     let result = results.iter().find(|result| result.limit == limit).unwrap();
     let mut told = [0; 2];

@@ -21,7 +21,7 @@ use crate::dice::{Dice, cases};
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// The paper's loop with a device like the paper's. Its walks rise, fall and end within a few dozen hits.
+/// The paper's loop with a device like the paper's. The walks of this scene rise, fall and end within a few dozen hits.
 fn scene(dice: &mut Dice) -> Scene {
     let mut scene = dice.scene();
     let paper = NamedScene::load("paper-1um").unwrap().scene;

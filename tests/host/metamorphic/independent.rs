@@ -1,5 +1,5 @@
 //! A second implementation of the sampled loop: a device, an actuator with any delay in samples, an output every few
-//! samples, an encoder, a filter, a wall. It uses only the scene from the simulator.
+//! samples, an encoder, a filter, a wall. This implementation uses only the scene from the simulator.
 
 use host_sim::{
     scene::{Rounding, Scene, VelocityTable},
@@ -12,8 +12,8 @@ use zwidth::{units::Force, velocity::EstimatorName};
 
 use crate::dice::{cases, trace};
 
-/// Distance from the rest position, and speed, after `time_s` under a constant force. They follow from the power series
-/// of the equation of motion. The steps are so short that twenty terms are exact up to rounding.
+/// Distance from the rest position, and speed, after `time_s` under a constant force. Both values follow from the power
+/// series of the equation of motion. The steps are so short that twenty terms are exact up to rounding.
 fn moved(scene: &Scene, [mut x, mut v]: [f64; 2], force_n: f64, time_s: f64) -> [f64; 2] {
     let device = &scene.device;
     let steps = 4;

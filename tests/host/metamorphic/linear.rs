@@ -66,8 +66,8 @@ fn exponential(a: &Matrix, t: f64) -> Matrix {
 }
 
 /// The plant with the commanded force as the last state. The other states are the handle's position, the speeds of the
-/// bodies, the stretches of the other springs, and the amplifier. If no spring holds a body, its position is not a
-/// state. Parts without an effect on the handle are left out.
+/// bodies, the stretches of the other springs, and the amplifier. If no spring acts on a body, the position of this
+/// body is not a state. Parts without an effect on the handle are left out.
 fn plant(of: &Loop) -> Matrix {
     let Elements { amplifier, mode, arm } = of.elements;
     let device = of.device;
@@ -195,8 +195,8 @@ fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     all
 }
 
-/// The binary logarithm of the long-term growth of motion per period. It is taken over 2^80 periods, so the effect of
-/// the start is below the last digit.
+/// The binary logarithm of the long-term growth of motion per period. The growth is computed over 2^80 periods, so the
+/// effect of the start is below the last digit.
 fn growth(of: &Loop, k: f64, b: f64) -> f64 {
     let mut power = period(of, k, b);
     let (mut exponent, mut periods) = (0.0, 1.0);

@@ -20,9 +20,9 @@ fn settings(design: &Design, percent: f64, rise: f64, hold: f64) -> CalibrationS
 }
 
 crate::properties! {
-    /// A calibration's force rises at most at its set rate and reaches each new force. It never exceeds the larger of
-    /// the old and the new force. For the mirrored percent the force is mirrored. A calibration ends with contact, with
-    /// a move, when the handle was held, and after two minutes.
+    /// A calibration's force rises at most at its set rate and reaches each new force. The force never exceeds the
+    /// larger of the old and the new force. For the mirrored percent the force is mirrored. A calibration ends with
+    /// contact, with a move, when the handle was held, and after two minutes.
     bounded(150, (design, rise, hold, targets, moves) in (
         any::design(),
         any::part(),

@@ -50,7 +50,7 @@ fn several() -> impl Strategy<Value = Vec<Tuned>> {
     })
 }
 
-/// A running estimator. It starts at rest at a count.
+/// A running estimator, which starts at rest at a count.
 struct Run {
     estimator: velocity::Tuned,
     state: State,

@@ -120,8 +120,8 @@ impl Bench {
         }
     }
 
-    /// Carries out an event. Returns the number of outputs that follow, and the handle's motion before each of them,
-    /// counts.
+    /// Carries out an event. Returns the number of outputs that follow, and the handle's motion before each of these
+    /// outputs, counts.
     fn happen(&mut self, event: Event) -> (u8, i32) {
         match event {
             Event::Wait(outputs) => return (outputs, 0),
@@ -278,8 +278,8 @@ crate::properties! {
         }
     }
 
-    /// A wall that only pushes never pulls. Without a push no force points into the wall, whatever gains change and
-    /// fade, and wherever the handle moves. With a push, no force exceeds the push.
+    /// A wall that only pushes never pulls. Without a push no force points into the wall, for any change and fade of
+    /// gains, and any motion of the handle. With a push, no force exceeds the push.
     never_pulls(250, (design, push, events) in (
         design(),
         prop_oneof![2 => Just(0i32), 1 => 0i32..=1 << 30],

@@ -74,7 +74,7 @@ fn bytes(frame: &Frame) -> Vec<u8> {
     bytes
 }
 
-/// A host that takes all frames and sends nothing.
+/// A host that reads all frames and sends nothing.
 #[derive(Clone, Default)]
 struct Listener(Rc<RefCell<Vec<u8>>>);
 

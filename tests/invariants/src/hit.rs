@@ -22,7 +22,7 @@ fn positions() -> impl Strategy<Value = Vec<(i32, bool)>> {
 /// counts.
 fn scatter(window: &[(i32, bool)]) -> i128 {
     let n = window.len() as i128;
-    // Relative to the first position, since a sum over all pairs would take too long.
+    // Positions are relative to the first position, since a sum over all pairs would take too long.
     let first = i128::from(window.first().map_or(0, |(x, _)| *x));
     let sum: i128 = window.iter().map(|(x, _)| i128::from(*x) - first).sum();
     let squares: i128 = window.iter().map(|(x, _)| (i128::from(*x) - first).pow(2)).sum();

@@ -39,8 +39,8 @@ impl Property {
     }
 }
 
-/// The properties of a module. Each has a text, a name, the number of cases in a batch, a strategy, and the check of a
-/// case. The check panics if the property does not hold.
+/// The properties of a module. Each property has a text, a name, the number of cases in a batch, a strategy, and the
+/// check of a case. The check panics if the property does not hold.
 #[macro_export]
 macro_rules! properties {
     ($(

@@ -143,7 +143,7 @@ impl Rig {
         self.output();
         self.output();
         self.ask(Request::Arm).unwrap();
-        // Two outputs may be a quarter of the test. This is so fast that the response is far above the limit.
+        // Two outputs may be a quarter of the test. In so short a test the response is far above the limit.
         let quarter = 0.025 * self.design.rate_hz / f64::from(self.design.period);
         let faster = (200.0 / (quarter * quarter)).ceil() as i64;
         let (mut speed, mut outputs) = (0, 0);

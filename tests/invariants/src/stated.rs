@@ -24,7 +24,8 @@ pub struct Stated {
     /// Samples until a change of speed by one count per sample has settled. The second value is for each further count
     /// per sample.
     pub settles: [f64; 2],
-    /// First velocity after a restart. It depends on the difference between the next counts and the old velocity.
+    /// First velocity after a restart. This velocity depends on the difference between the next counts and the old
+    /// velocity.
     pub first: First,
     /// The estimator in `f64`, if it is linear.
     pub twin: Twin,
@@ -181,8 +182,8 @@ impl Stated {
         }
     }
 
-    /// Largest jump of the velocity in the first sample after a restart at `velocity`. It includes 2 LSB and 2^-30 of
-    /// the difference for rounding.
+    /// Largest jump of the velocity in the first sample after a restart at `velocity`. The jump includes 2 LSB and
+    /// 2^-30 of the difference for rounding.
     pub fn jump(&self, velocity: f64, counts: f64, senses: &Senses) -> f64 {
         let off = (counts - velocity).abs();
         let rounding = 2.0 / LSB + off * 2f64.powi(-30);

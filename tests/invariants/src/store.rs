@@ -219,8 +219,8 @@ crate::properties! {
         }
     }
 
-    /// A record is read back bit for bit, whatever its numbers are. After a change of one word, or of up to three bits,
-    /// it is not read, because a CRC-32 always detects these changes.
+    /// A record with any numbers is read back bit for bit. After a change of one word, or of up to three bits, the
+    /// record is not read, because a CRC-32 always detects these changes.
     records(500, (number, place, flags, sequence, flips) in (
         any::<f64>(),
         any::<prop::sample::Index>(),

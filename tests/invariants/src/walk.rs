@@ -52,7 +52,7 @@ enum World {
     Arch { top: i64, middle: i64, fall: i64 },
     /// Random walls, all with contact: `of_eight` of eight are stable.
     Random { seed: u64, of_eight: u64 },
-    /// Random walls. Some of them have no contact.
+    /// Random walls. Some of these walls have no contact.
     Loose { seed: u64 },
 }
 

@@ -45,8 +45,8 @@ pub struct Source {
 }
 
 impl Source {
-    /// Reads `folders` of the workspace. Their code uses `own_names` for these crates. Several folders are taken as one
-    /// crate, so their modules must have different names.
+    /// Reads `folders` of the workspace. The code in these folders names their crates by `own_names`. Several folders
+    /// are treated as one crate, so their modules must have different names.
     pub fn read(folders: &[&str], own_names: &'static [&'static str]) -> Self {
         let mut texts = vec![];
         for folder in folders {
@@ -56,7 +56,7 @@ impl Source {
         Self::of(texts, folders, own_names)
     }
 
-    /// Does the same as [`read`](Self::read), with path and text of each file.
+    /// Does the same as [`read`](Self::read) for given texts, each with its path.
     pub fn of(
         texts: Vec<(String, String)>,
         folders: &[&str],

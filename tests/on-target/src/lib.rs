@@ -1,6 +1,6 @@
 //! The control path alone, compiled for the board. `tests/elf/control_path.rs` checks the machine code of all functions
 //! between encoder and command, and of every estimator (feature `estimators`). One function with floats does not belong
-//! to the control path. It shows that the check finds such functions.
+//! to the control path. This function shows that the check finds functions with floats.
 #![cfg_attr(target_os = "none", no_std)]
 
 mod supervision;

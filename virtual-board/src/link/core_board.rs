@@ -32,8 +32,8 @@ const TYPED: usize = 255;
 /// to zero in the second half.
 const HELD_SAMPLES: u64 = 600;
 
-/// The device of a scene on a board. The board's own scene gets the device of its image. The device's memory is never
-/// freed.
+/// The device of a scene on a board. For the board's own scene, this is the device of the board's image. The device's
+/// memory is never freed.
 fn device_of(scene: &NamedScene, board: Board) -> Result<&'static Device<'static>, Error> {
     let Some(record) = device::record(scene, board)? else { return Ok(device::built_in(board)) };
     Ok(Box::leak(Box::new(device::read(&record, board)?)))

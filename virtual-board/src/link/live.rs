@@ -29,8 +29,8 @@ const BEHIND: Duration = Duration::from_millis(20);
 /// Set-up of the board before it runs in real time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Begin {
-    /// True: a hand has held the handle at the scene's 0 and set the zero there. So the board's positions are the
-    /// scene's. False: the handle rests at the device's rest position.
+    /// True: the zero was set while a hand held the handle at the scene's 0. So the board's positions are the scene's.
+    /// False: the handle rests at the device's rest position.
     pub zeroed: bool,
     /// Output period in place of the board's own, in samples.
     pub period: Option<u32>,

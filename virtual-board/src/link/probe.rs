@@ -2,8 +2,8 @@
 //! probes are elsewhere.
 //!
 //! A probe halts the core when it attaches and when it detaches. A halt with the force on is fault 32. So the force
-//! must be off before both halts. Before attaching, the caller must switch it off. This link sends `disarm` as its
-//! first line and as its last line. The probe detaches when the board has replied that the force is off.
+//! must be off before both halts. Before attaching, the caller must switch the force off. This link sends `disarm` as
+//! its first line and as its last line. The probe detaches when the board has replied that the force is off.
 
 use std::{
     thread,
@@ -26,7 +26,7 @@ mod tests;
 
 /// Time with nothing but errors after which a board is treated as lost. A reset takes less time.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Longest wait for an answer. An answer usually takes some milliseconds; after a `save` it takes a second.
+/// Longest wait for an answer. An answer usually takes some milliseconds; after a `save`, an answer takes a second.
 const ANSWER: Duration = Duration::from_secs(2);
 /// Longest wait for the last answer. After Ctrl-C a program has 0.4 s in all.
 const LEAVE: Duration = Duration::from_millis(200);
@@ -126,7 +126,7 @@ impl<P: Probe> ProbeLink<P> {
         self.ask(b"\ndisarm\n", is_off, patience).map(drop)
     }
 
-    /// Sends a line and waits for its answer. This is also tried with a lost board.
+    /// Sends a line and waits for its answer. The line is also sent to a lost board.
     fn ask(
         &mut self,
         line: &[u8],

@@ -138,7 +138,7 @@ fn channel_of(channel: usize, listener: &TcpListener, board: &LiveBoard, over: &
     while !over.load(Relaxed) {
         match listener.accept() {
             Ok((client, _)) => {
-                // It is no error of the board if a client disconnects.
+                // A client that disconnects is no error of the board.
                 let _ = attend(channel, client, board, over);
                 board.wires.attend(channel, false);
             }
@@ -173,7 +173,8 @@ fn attend(
         if stuck > PATIENCE {
             return Err(ErrorKind::TimedOut.into());
         }
-        // If the board has no room, bytes stay in the socket. If the socket is full too, they stay with the client.
+        // If the board has no room, bytes stay in the socket. If the socket is also full, the bytes stay with the
+        // client.
         if down.is_empty() {
             match at_once(client.read(&mut bytes))? {
                 Some(0) => return Ok(()),

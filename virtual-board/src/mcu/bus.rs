@@ -21,7 +21,7 @@ use super::{DacListener, gate::Block};
 pub(super) struct Clock {
     /// Start of the present instruction, cycles.
     now: AtomicU64,
-    /// Time of the edge that is being delivered, cycles. It may be earlier than `now` for an event of TIM1.
+    /// Time of the edge that is being delivered, cycles. For an event of TIM1, the edge may be earlier than `now`.
     edge: AtomicU64,
     /// Whether a peripheral was accessed, which may have changed the time of its next event.
     touched: AtomicBool,
@@ -134,7 +134,7 @@ pub(super) type ClockState = ([u64; 6], [bool; 2]);
 
 /// Actions before and after an access of a bus master to a device's registers.
 pub(super) trait Port: Send + Sync + fmt::Debug {
-    /// Runs before every access. It advances the device to the present.
+    /// Runs before every access. Advances the device to the present.
     fn before(&self);
     /// Runs before a word is written to `offset`. Returns the value to write.
     fn write(&self, _offset: u64, value: u32) -> u32 {
@@ -150,7 +150,7 @@ pub(super) trait Port: Send + Sync + fmt::Debug {
     }
 }
 
-/// A device whose clock is the core's clock, divided by an integer. It is advanced only when it is accessed.
+/// A device whose clock is the core's clock, divided by an integer. The device is advanced only when it is accessed.
 #[derive(Clone)]
 pub(super) struct Lazy {
     pub(super) device: Arc<dyn Device>,

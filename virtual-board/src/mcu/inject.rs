@@ -118,7 +118,7 @@ impl Mcu {
         word.map_or(0, |word| u32::try_from(word).unwrap_or_default())
     }
 
-    /// Makes an exception pending. If it is an interrupt, its enable bit is set too.
+    /// Makes an exception pending. For an interrupt, the enable bit is also set.
     pub fn pend(&mut self, exception: u16) {
         self.soc.cpu.with_sys(|sys| {
             sys.set_enable(Exception(exception), true);

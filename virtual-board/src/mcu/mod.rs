@@ -121,7 +121,7 @@ pub enum Stopped {
     LockedUp(u32),
 }
 
-/// Pins that are driven from outside: the level, and the level of the alternate function if it is driven too.
+/// Pins that are driven from outside: the level, and the level of the alternate function if this level is also driven.
 type Outside = BTreeMap<Pin, (bool, Option<bool>)>;
 
 pub struct Mcu {
@@ -130,7 +130,8 @@ pub struct Mcu {
     memories: Memories,
     clock: Arc<Clock>,
     soc: Soc,
-    /// A copy of the core's registers after the last step. Reading them from the emulator takes half as long as a step.
+    /// A copy of the core's registers after the last step. To read the registers from the emulator takes half as long
+    /// as a step.
     registers: Regs,
     /// Whether the last step left the program counter unchanged: the core sleeps, is locked up, or branches to the same
     /// address.
@@ -473,7 +474,7 @@ impl Mcu {
         self.soc.pin(pin)
     }
 
-    /// Delivers the pins' changes up to now. This also advances the timers.
+    /// Delivers the pins' changes up to now. The timers are also advanced.
     pub fn settle(&mut self) {
         self.settle_to(self.now);
     }

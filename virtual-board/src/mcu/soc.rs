@@ -69,7 +69,7 @@ pub(super) struct Soc {
     pub(super) supply: Arc<Supply>,
     pub(super) dbgmcu: Arc<Storage>,
     halt_timer: Lazy,
-    /// TIM8. Its update requests the store by DMA2 that switches the output off.
+    /// TIM8. The update of TIM8 requests a store by DMA2, and this store switches the output off.
     pub(super) output_timer: Lazy,
     pub(super) crystal: Arc<Crystal>,
     pub(super) dma: Arc<Dma>,

@@ -13,8 +13,8 @@ use rsemu::core::{
 use super::bus::{Clock, Lazy, Port};
 
 /// Thresholds of the detector for each level PLS, mV: first for a rising supply, then for a falling supply. A supply up
-/// to the threshold counts as low. These are the largest values of the data sheet of the STM32F446, section 6.3.5; the
-/// STM32F407's are the same.
+/// to the threshold is treated as low. The thresholds are the largest values of the data sheet of the STM32F446,
+/// section 6.3.5; the STM32F407's are the same.
 const LEVELS_MV: [[u32; 2]; 8] = [
     [2190, 2080],
     [2370, 2260],

@@ -134,8 +134,8 @@ impl<'a> World<'a> {
     /// Switches a board on, with the handle held at `start_m`. The board's count starts from 0 there.
     ///
     /// # Errors
-    /// The ELF is not this firmware. Or the scene has `[jitter]`, a push by a hand, another protocol or another
-    /// criterion.
+    /// The ELF is not this firmware. Another error: the scene has `[jitter]`, a push by a hand, another protocol or
+    /// another criterion.
     pub fn new(
         board: Board,
         elf: &Elf,
@@ -474,7 +474,7 @@ impl<'a> World<'a> {
         let per_sample = board.cycles_per_sample();
         let next = event + per_sample - lead;
         if self.moved_to % per_sample != next % per_sample {
-            // This happens once, directly after the first sample, while the handle is held.
+            // The alignment happens once, directly after the first sample, while the handle is held.
             self.moved_to += (next + per_sample - self.moved_to % per_sample) % per_sample;
         }
     }

@@ -189,7 +189,7 @@ pub(super) const FAULT_CASES: [FaultCase; 29] = [
     FaultCase::of("late render", 20, RENDER_US, |_, world| mask_render(world, 15)),
     FaultCase::of("stuck render, 15 periods", 20, RENDER_US, |_, world| mask_render(world, 150))
         .all(&[20, 21]),
-    // `render` must stay masked. If it ran again, it would write code 20 into the fault memory.
+    // `render` must stay masked. Otherwise `render` would write code 20 into the fault memory.
     FaultCase::of("stuck render, for ever", 22, RENDER_US, |_, world| mask_render(world, 700))
         .resets()
         .long(),

@@ -26,7 +26,7 @@ pub(super) const BACKUP: u32 = 0x4002_4000;
 const BACKUP_WORDS: u32 = 1024;
 /// Number of random contents that are tried.
 const RANDOM: usize = 16;
-/// Samples until the board has booted. With any contents of flash it takes 12 ms at most.
+/// Samples until the board has booted. With any contents of flash, the boot takes 12 ms at most.
 const BOOT: u64 = 150;
 
 const NO_FAULT: &str = "ok status off, fault none";
@@ -118,7 +118,7 @@ fn booted(world: &mut World<'_>) -> Result<Booted, Failed> {
 /// Flips all bits of each byte of the newest record. This is done with an older record in flash, and without one.
 ///
 /// # Errors
-/// The board uses settings that are neither the older ones nor the defaults. Or it does not report the damage.
+/// The board uses settings that are neither the older ones nor the defaults, or the board does not report the damage.
 pub fn flip_every_byte(world: &mut World<'_>, step: usize) -> Result<usize, Failed> {
     let (older, newest) = (record(world, 1, 1000.0), record(world, 2, 2000.0));
     let both = |newest: &[u32]| older.iter().chain(newest).copied().collect::<Vec<_>>();

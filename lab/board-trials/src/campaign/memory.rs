@@ -14,7 +14,7 @@ use super::{
 
 /// Full force of the motor as the firmware stores it.
 const FULL_SCALE: u32 = 1 << 30;
-/// Part of the names of the symbols that hold the queues and the state of `render`.
+/// Part of the names of the symbols for the queues and the state of `render`.
 const QUEUES: &str = "queues";
 const RENDER_STATE: &str = "local_resource_render";
 
@@ -84,9 +84,9 @@ fn push(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Flips a bit of the word that says whether a hit moves the handle to its start or pushes. The push would then stop,
-/// and the hit would never end. The word is stored just before the hit's plan. Its value is 2 during the push, and 0 or
-/// 1 before the push.
+/// Flips a bit of the word for the phase of a hit: return move or push. The push would then stop, and the hit would
+/// never end. The word is stored just before the hit's plan. Its value is 2 during the push, and 0 or 1 before the
+/// push.
 fn phase(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let pushes = words_of(elf, world, RENDER_STATE)?.1;
     let before = world.snapshot();

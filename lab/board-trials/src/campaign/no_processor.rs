@@ -23,7 +23,7 @@ const DIER: u32 = 0x0C;
 const ARR: u32 = 0x2C;
 /// The register that holds the address of the vector table.
 const VTOR: u32 = 0xE000_ED08;
-/// Erased flash. If it is used as the vector table, all vectors are words of ones.
+/// Erased flash. If the vector table is here, all vectors are words of ones.
 const ERASED: u32 = 0x0807_0000;
 /// PendSV, and the interrupt of TIM7. The firmware has no task for PendSV or TIM7.
 const PEND_SV: u16 = 14;

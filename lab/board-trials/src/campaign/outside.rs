@@ -19,7 +19,8 @@ use super::{
 const STUCK_S: f64 = 0.0525;
 /// Limit for a count that moves too little, s: the rest of a span of 50 ms, and the next span.
 const SHORT_OF_S: f64 = 0.1025;
-/// Limit for a measured current that is wrong by a third of full scale, s. It includes the mean over 13 ms.
+/// Limit for a measured current that is wrong by a third of full scale, s. The limit includes the 13 ms over which the
+/// board takes the mean of the current.
 const SENSED_S: f64 = 0.018;
 /// Samples for which the host reads nothing and sends without a pause.
 const FLOOD_SAMPLES: u64 = 4_000;

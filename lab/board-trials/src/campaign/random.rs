@@ -22,7 +22,7 @@ pub const STARTS: usize = 16;
 const ALLOWED_S: f64 = 3e-3;
 
 /// One in `FURTHER` flips in the core is in S0 to S31, FPSCR or CONTROL, each with the same probability. One in
-/// `WATCHDOG` flips in the peripherals is in the watchdog. This is about the watchdog's share of the bits. The other
+/// `WATCHDOG` flips in the peripherals is in the watchdog. The watchdog has about this share of the bits. The other
 /// flips do not depend on these two numbers.
 const FURTHER: u64 = 8;
 const WATCHDOG: u64 = 64;

@@ -79,7 +79,7 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
         ("voltage detector", 0x4000_7000, Flip(1 << 4), true),
         ("`sample` at the lowest priority", NVIC_PRIORITIES + 48, Flip(0x00E0_0000), true),
         ("`render` above `sample`", NVIC_PRIORITIES + 48, Flip(0x2000_0000), true),
-        // SysTick's priority changes too: the value is the register's value after reset.
+        // The value is the register's value after reset. So SysTick's priority also changes.
         ("PendSV at the highest priority", 0xE000_ED20, Be(0), true),
         ("stack guard's region", 0xE000_EDA0, Flip(1), true),
         ("priority groups", 0xE000_ED0C, Be(0x05FA_0500), true),

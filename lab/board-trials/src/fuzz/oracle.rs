@@ -1,6 +1,6 @@
 //! The oracle: the firmware's library without a chip ([`CoreProgram`]), which runs beside the image on the virtual
-//! board. The library's tasks run when the image's tasks run. They get the counts, bytes, reports and orders that the
-//! image had then. Both must give the same replies, frames and outputs.
+//! board. The library's tasks run when the image's tasks run. The library's tasks get the counts, bytes, reports and
+//! orders that the image had then. Image and library must give the same replies, frames and outputs.
 
 use std::{
     collections::VecDeque,
@@ -40,7 +40,7 @@ pub struct Observed {
     pub saves: bool,
 }
 
-/// The outputs and the other parts of a frame.
+/// The content of a frame: outputs and parts.
 #[derive(Clone)]
 struct Told {
     sequence: u32,

@@ -48,7 +48,7 @@ pub struct Checks {
     pub oracle: Oracle,
     pub properties: Properties,
     pub counts: Counts,
-    /// Observations of library and rules. They are added to the counts when an action has ended.
+    /// Observations of library and rules. These numbers are added to the counts when an action has ended.
     seen: Counts,
     pub held: bool,
     samples: u64,

@@ -1,5 +1,5 @@
-//! Finds the shortest session with the same failure. It leaves out pieces of the session, large ones first, if the
-//! session still fails without them.
+//! Finds the shortest session with the same failure. The search leaves out a piece of the session if the session still
+//! fails without the piece. Large pieces are tried first.
 
 use std::time::{Duration, Instant};
 

@@ -38,7 +38,7 @@ const REPEATS: u32 = 2;
 /// Number of points of the boundary. `BESIDE` are the distances of the compared hits from each point, in steps of K.
 const POINTS: usize = 8;
 const BESIDE: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
-/// Change of the reference's start, counts. It shows the effect of chaos.
+/// Change of the reference's start, counts. This change shows the effect of chaos.
 pub const NUDGE_COUNTS: f64 = 0.25;
 /// Numbers of equal steps per sample.
 const STEPS: [u32; 6] = [1, 2, 5, 10, 20, 50];
@@ -228,7 +228,7 @@ pub fn measure(
     let (expected, nudged, area) = (expected?, nudged?, area?);
     let area_chaotic = area_nudged? / area - 1.0;
     done();
-    // The last methods have the most steps and take longest. So they start first.
+    // The last methods have the most steps and take longest. So these methods start first.
     let rows: Vec<Result<PlantRow, Error>> = methods
         .par_iter()
         .rev()
@@ -367,7 +367,7 @@ mod tests {
             let replayed = recorded.replay(&rk4(steps).plant(&scene));
             assert_eq!(replayed.steps, u64::from(steps) * 60_000);
         }
-        // An adaptive method repeats some steps. It needs more steps for a smaller error.
+        // An adaptive method repeats some steps. For a smaller error, the method needs more steps.
         let adaptive = |tolerance: f64| {
             let method = Method::Integrated(Integrator::DormandPrince {
                 relative_tolerance: tolerance,
