@@ -1,6 +1,6 @@
 //! The communication with a board. A [`Talk`] sends commands over a [`Link`], one at a time, and the [`Hub`] stores
-//! what the board sends. A server runs the [`Talk`] in its own thread. In a page without threads the caller runs it
-//! together with the board.
+//! what the board sends. A server runs the [`Talk`] in its own thread. In a page without threads, the caller runs the
+//! [`Talk`] together with the board.
 
 use std::{
     collections::VecDeque,

@@ -130,7 +130,7 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
         }
         samples += length;
     }
-    // A handle that reverses at an edge, and a handle that swings over thousands of counts.
+    // The handle first reverses at an edge, and then swings over thousands of counts.
     for n in 0..1_200u32 {
         let phase = f64::from(n) * 0.037;
         let amplitude = if n < 600 { 0.05 } else { 90.0 };

@@ -141,7 +141,8 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
     let kept = world.snapshot();
-    // In the image: code that the program does not reach. In the record: a number that was read at boot.
+    // A bit in the image is flipped in code that the program does not reach. A bit in the record is flipped in a number
+    // that was read at boot.
     let (panics, _) = firmware.elf.place_of("rust_begin_unwind").unwrap();
     let seal = firmware.elf.address_of(seal::SEAL).unwrap();
     for address in [UNUSED_VECTOR, panics.next_multiple_of(4), seal, RECORD + 4 * 30] {

@@ -1,4 +1,4 @@
-//! Device records: an image accepts every valid record. With a wrong record its force stays off.
+//! Device records: an image accepts every valid record. With a wrong record the force stays off.
 
 use std::{
     fs,

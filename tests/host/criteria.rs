@@ -76,7 +76,7 @@ fn a_hand_is_a_spring_whose_end_is_moved() {
         positions
     });
     let [hand, spring] = &positions;
-    // Compared until rounding gives the two scenes different counts.
+    // The comparison ends before rounding gives the two scenes different counts.
     let apart = hand.iter().zip(spring).take(2000).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(apart < 1e-14, "{apart:e}");
     assert!(hand[6000] > 0.069, "it reached the wall: {}", hand[6000]);

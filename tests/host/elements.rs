@@ -232,7 +232,7 @@ fn noise_differs_between_seeds_and_starts_and_not_between_walls() {
         let prepared = PreparedScene::new(&scene).unwrap();
         let mut simulation =
             prepared.fixed(&WallHit { start_offset_counts, ..hit(stiffness, 0.0) }).unwrap();
-        // Before the handle reaches the wall.
+        // The samples before the handle reaches the wall.
         (0..500)
             .map(|_| {
                 let sample = simulation.step();

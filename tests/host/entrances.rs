@@ -1,5 +1,5 @@
-//! NaN and infinities at every input. If a person or a file gives one of these values, it is refused with its name. So
-//! no later code gets these values.
+//! NaN and infinities at every input. If a person or a file gives one of these values, the value is refused with its
+//! name. So no later code gets these values.
 
 use host_sim::scene::NamedScene;
 use zwidth::{

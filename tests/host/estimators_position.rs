@@ -119,7 +119,7 @@ fn constant_speed_is_measured_within_the_stated_error() {
 }
 
 /// For Levant's explicit form docs/estimators.md gives one error up to a `lambda_ratio` of 1.5, and a larger error up
-/// to 2.5. The measured error must be within these values. Above 1.5 it must exceed the smaller value.
+/// to 2.5. The measured error must be within these values. Above 1.5 the measured error must exceed the smaller value.
 #[test]
 fn a_larger_lambda_makes_the_stated_error_larger() {
     let mut needed = [0f64; 2];
@@ -173,7 +173,7 @@ fn the_stated_delay_is_that_over_a_chirp() {
             let amplitude = 0.6 * c(acceleration_max_m_per_s2) * 1e8 / (8.0 * PI).powi(2);
             let measured = delay_over_a_chirp(&settings, amplitude, 0.5, 4.0);
             if name == EstimatorName::LevantImplicit {
-                // The window is longer if one count is more than C allows within a sample.
+                // The window is longer if one count is a larger motion than C allows within a sample.
                 let c = c(acceleration_max_m_per_s2);
                 let most = 0.5 + if c < 1.0 { 0.65 / c.sqrt() } else { 0.1 };
                 println!("{settings:?}: {measured:.3} samples, stated 0.5 to {most:.3}");

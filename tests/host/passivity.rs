@@ -33,7 +33,7 @@ fn seen(scene: &Scene, hit: &WallHit) -> Seen {
     let (full_scale_n, latency) = (scene.full_scale_n(), scene.actuator.latency_samples() as usize);
     let period = scene.actuator.period as usize;
     let surface = (scene.wall.position_m / scene.encoder.resolution_m).round();
-    // From output to output, in the order in which the forces act.
+    // The sums go from output to output, in the order in which the forces act.
     let mut sums = Sums::default();
     for (n, sample) in samples.iter().enumerate() {
         let Some(of) = n.checked_sub(latency) else { continue };

@@ -18,9 +18,9 @@ fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Builds the ELF of a board as `cargo firmware` does, in a separate target directory. So the `cargo` command that runs
-/// this code does not block it. Several processes build one after another. Adds the target to the tool chain if it is
-/// missing. Removes `RUSTFLAGS`, since these flags are for the host.
+/// Builds the ELF of a board as `cargo firmware` does, in a separate target directory. So the build does not wait for
+/// the `cargo` command that runs this code. Several processes build one after another. Adds the target to the tool
+/// chain if it is missing. Removes `RUSTFLAGS`, since these flags are for the host.
 ///
 /// # Errors
 /// The error of `cargo` or `rustup`.

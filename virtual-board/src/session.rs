@@ -58,7 +58,7 @@ pub struct BoardHit {
     pub rms_m: f64,
     /// Mean of the position, m.
     pub mean_m: f64,
-    /// Energy that the wall has absorbed in the last contact, and the largest energy that it has supplied in one
+    /// Energy that the wall has absorbed in the last contact, and the largest energy that the wall has supplied in one
     /// contact, J.
     pub port_j: [f64; 2],
     /// Result of each push of a quiet hit, in order; empty for other hits. The fields above have the results of the
@@ -170,8 +170,8 @@ impl Session {
         Self::open_with(board, elf, scene, record)
     }
 
-    /// As [`open`](Self::open), but with this record in the image's flash. Without a record, the image's own record is
-    /// used.
+    /// Opens a session as [`open`](Self::open) does, but with this record in the image's flash. Without a record, the
+    /// image's own record is used.
     ///
     /// # Errors
     /// As [`open`](Self::open).
@@ -192,7 +192,7 @@ impl Session {
     /// `origin` is the image's name in errors.
     ///
     /// # Errors
-    /// The image is for another board, or it is not of this firmware.
+    /// The image is for another board, or is not of this firmware.
     pub fn of(
         board: Board,
         elf: Elf,
@@ -234,7 +234,8 @@ impl Session {
         self.zeroed(false)
     }
 
-    /// As [`boot_at_zero`](Self::boot_at_zero), but returns when the hand has just released the handle.
+    /// Boots the board as [`boot_at_zero`](Self::boot_at_zero) does, but returns when the hand has just released the
+    /// handle.
     ///
     /// # Errors
     /// As [`boot_at_zero`](Self::boot_at_zero).

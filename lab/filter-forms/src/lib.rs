@@ -169,7 +169,8 @@ pub trait Step: Copy {
         self.step(Signal::of_velocity(input, fraction)).to_velocity(fraction)
     }
 
-    /// As [`velocity`](Self::velocity), but the output is in counts per sample, with all digits of the format.
+    /// Does the same as [`velocity`](Self::velocity), but the output is in counts per sample, with all digits of the
+    /// format.
     #[inline]
     fn counts(&mut self, input: i32, fraction: u32) -> f64 {
         self.step(Signal::of_velocity(input, fraction)).to_counts(fraction)

@@ -131,8 +131,8 @@ pub fn boundary(
     })
 }
 
-/// Areas of each variant at each cutoff: all cutoffs of the first variant, then those of the next. `None` if the format
-/// cannot have the cutoff. `done` is called after each walk.
+/// Areas of each variant at each cutoff: all cutoffs of the first variant, then all cutoffs of the second variant, and
+/// so on. `None` if the format cannot have the cutoff. `done` is called after each walk.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.

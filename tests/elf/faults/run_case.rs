@@ -134,7 +134,7 @@ pub fn run_case(
         let refused = world.ask(line).unwrap();
         assert!(refused.starts_with("error"), "{name}: {line}: {refused}");
     }
-    // The fault is still stored after a reset. On the other board, the recovery has no reset.
+    // The fault is still stored after a reset. On the second board, the recovery has no reset.
     if firmware.board == virtual_board::board::NUCLEO_F446RE && !case.stays {
         world.reset();
         world.run(300).unwrap();

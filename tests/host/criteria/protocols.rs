@@ -134,7 +134,7 @@ fn a_sway_is_no_motion_of_the_wall_and_a_limit_cycle_is() {
         pushes.iter().copied().reduce(of).unwrap() * scene.full_scale_n() / scene.wall_hit.push_n
     };
     assert!((0.7..0.75).contains(&share(f64::min)) && (1.25..1.3).contains(&share(f64::max)));
-    // A cycle of some 100 Hz is above 20 Hz. The sway in such a stiff wall is 10 um.
+    // The limit cycle of some 100 Hz belongs to the motion above 20 Hz. The sway in this stiff wall is 10 um.
     let (stiff, samples) = hit(&scene, [60e3, 250.0]);
     let window: Vec<f64> = samples[40_000..].iter().map(|sample| sample.position_m).collect();
     assert_eq!(stiff.verdict, Verdict::Unstable);

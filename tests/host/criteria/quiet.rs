@@ -201,7 +201,7 @@ fn device(rng: &mut Xoshiro256PlusPlus) -> NamedScene {
     scene.actuator.latency = draw(0.1, 10.0);
     scene.actuator.period = draw(1.0, 10.99) as u32;
     scene.wall_hit.push_n = 0.48 * full_n;
-    // Near enough for a heavy handle to reach it in time.
+    // The wall is so near that a heavy handle reaches the wall in time.
     scene.wall.position_m = scene.device.start_position_m + 0.01;
     scene.wall_hit.judge(Criterion::Quiet, None);
     if rng.random::<bool>() {

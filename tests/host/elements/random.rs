@@ -150,7 +150,7 @@ fn gets_no_energy(cases: u32) {
             let arm_j = scene.arm.map_or(0.0, |arm| {
                 0.5 * arm.stiffness_n_per_m * (start_m - arm.rest_position_m).powi(2)
             });
-            // From the highest to the lowest potential.
+            // The energy from the highest to the lowest potential of the cogging.
             let cogging_j = scene.cogging.map_or(0.0, |c| c.amplitude_n * c.pitch_m / PI);
             let all_j = spring_j(start_m) + arm_j + cogging_j;
             let plant = AnyPlant::unsensed(&scene, 1e-4, 0.0);

@@ -118,7 +118,8 @@ fn the_loop_is_that_of_a_second_text() {
         let full_n = scene.full_scale_n();
         let simulated = trace(&scene, &hit, Numeric::F64);
         let nudged = |nudge_m| loop_of(&scene, &hit, nudge_m, simulated.len());
-        // Some walls are chaotic. So both implementations must agree only until rounding affects the second one.
+        // Some walls are chaotic. So the implementations must agree only until rounding affects the second
+        // implementation.
         let [second, before, behind] = [0.0, -1e-13, 1e-13].map(nudged);
         let near =
             |(a, b): (&(i32, f64), &(i32, f64))| a.0 == b.0 && (a.1 - b.1).abs() < 1e-10 * full_n;

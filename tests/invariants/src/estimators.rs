@@ -124,7 +124,7 @@ crate::properties! {
             let senses = random.senses();
             let velocity = here.step(count, &senses);
             assert_eq!(velocity, there.step(count + i64::from(by), &senses));
-            // As long as a counter of 16 bits can follow.
+            // True as long as a counter of 16 bits can follow.
             follows &= (count - last).abs() < 1 << 15;
             last = count;
             let sampled = narrow.sense(&control, count as u32 & 0xFFFF, &senses);
@@ -256,7 +256,7 @@ crate::properties! {
         let (mut last, mut age) = (phase, None);
         let (mut slowest, mut fastest) = (0f64, 0f64);
         let mut up = true;
-        // At rest first, with one sample before the motion.
+        // The handle is at rest first, with one sample before the motion.
         for place in std::iter::once(0.0).chain(any::places(&pieces)) {
             let now = place + phase;
             let speed = now - last;

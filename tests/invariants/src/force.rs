@@ -257,7 +257,7 @@ crate::properties! {
     )) {
         let mut bench = Bench::new(design, false);
         match place {
-            // The force is off. To pass the sign test, the handle would have to move. But the test may begin.
+            // The force is off. To pass the sign test, the handle would have to move. But the sign test may begin.
             Some(place) => {
                 bench.rig.output();
                 bench.rig.count += place;

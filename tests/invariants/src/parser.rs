@@ -126,7 +126,7 @@ crate::properties! {
     lines(150, pieces in prop::collection::vec(
         prop_oneof![
             2 => prop::collection::vec(any::<u8>(), 0..20),
-            // Near the longest accepted length.
+            // Lines near the longest accepted length.
             2 => (LINE_MAX - 3..LINE_MAX + 4).prop_map(|length| vec![b'x'; length]),
             1 => (0..2 * LINE_MAX).prop_map(|length| vec![b' '; length]),
             4 => prop::sample::select(vec!["\n", "\r", "\r\n"]).prop_map(|end| end.as_bytes().to_vec()),

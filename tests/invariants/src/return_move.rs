@@ -93,8 +93,8 @@ fn at(counts: i64) -> Position {
 }
 
 crate::properties! {
-    /// Wherever the handle is and moves, a return ends in time and its force is within its limit. In contact its force
-    /// never points into the wall. The return has arrived only if the handle was at rest at the start.
+    /// Wherever the handle is and moves, a return ends in time and its force is within its limit. In contact the force
+    /// of the return never points into the wall. The return has arrived only if the handle was at rest at the start.
     bounded(150, (back, seed, mode) in (accepted(), any::<u64>(), 0u8..4)) {
         let mut random = Random(seed);
         let mut run = Return::default();

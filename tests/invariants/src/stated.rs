@@ -289,7 +289,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
     };
     let c =
         |acceleration: f64| acceleration / (design.resolution_m * design.rate_hz * design.rate_hz);
-    // With a noise limit below one count, quantisation counts as motion.
+    // With a noise limit below one count, quantisation is treated as motion.
     let windowed = |error: f64, window_samples: u32, noise_counts: f64| {
         let window = f64::from(window_samples);
         let error = if noise_counts < 1.0 { 1.0 } else { error / window };

@@ -107,7 +107,7 @@ impl<const UNIT: usize> NorFlash for Flash<UNIT> {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerLost> {
         check_erase(self, from, to)?;
         let mut units: Vec<usize> = (from as usize..to as usize).step_by(UNIT).collect();
-        // In random order.
+        // The units come in random order.
         for n in (1..units.len()).rev() {
             let other = self.torn.below(n as u64 + 1) as usize;
             units.swap(n, other);

@@ -25,7 +25,7 @@ pub extern "C" fn zwidth_sample(
     *motion = sampler.sample(control, counter).motion;
 }
 
-/// As [`zwidth_sample`], with any estimator.
+/// Does the same as [`zwidth_sample`], with any estimator.
 #[cfg(feature = "estimators")]
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_estimate(

@@ -23,7 +23,7 @@ use crate::{
 
 /// Largest time by which the board may be ahead of real time.
 const AHEAD: Duration = Duration::from_millis(1);
-/// If the board is behind real time by more than this, it does not catch up.
+/// If the board is behind real time by more than this, the board does not catch up.
 const BEHIND: Duration = Duration::from_millis(20);
 
 /// Set-up of the board before it runs in real time.

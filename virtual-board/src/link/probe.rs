@@ -271,7 +271,7 @@ fn compare(core: &mut impl Core, elf: &Elf) -> Result<(), String> {
     }
 }
 
-/// Waits between two checks. After Ctrl-C it returns an error, unless the program is leaving the board.
+/// Waits between two checks. After Ctrl-C, returns an error, except while the program leaves the board.
 fn rest(leaving: bool) -> Result<(), String> {
     thread::sleep(LOOK);
     let is_over = interrupt::is_requested() && !leaving;

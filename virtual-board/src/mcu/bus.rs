@@ -409,7 +409,7 @@ impl MemOps for Storage {
     }
 }
 
-/// The DAC. While channel 1 is enabled, its output is its holding register.
+/// The DAC. While channel 1 is enabled, the output has the value of the channel's holding register.
 pub(super) struct Dac {
     pub(super) registers: Arc<Storage>,
     pub(super) clock: Arc<Clock>,

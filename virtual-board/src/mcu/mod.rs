@@ -479,8 +479,9 @@ impl Mcu {
         self.settle_to(self.now);
     }
 
-    /// As [`settle`](Self::settle), but delivers the encoder's edges only up to `cycle`, within the last instruction.
-    /// The caller may still add later edges. A timer that was advanced beyond these edges would capture them late.
+    /// Does the same as [`settle`](Self::settle), but delivers the encoder's edges only up to `cycle`, within the last
+    /// instruction. The caller may still add later edges. A timer that was advanced beyond these edges would capture
+    /// them late.
     pub fn settle_to(&mut self, cycle: u64) {
         self.clock.set(self.now);
         self.soc.pwm.catch_up_by_edges();

@@ -33,7 +33,7 @@ pub struct Snapshot {
     encoder: EncoderState,
     /// Cycles for which each timer was stopped by halts.
     stood: Vec<u64>,
-    /// Registers of the blocks that the emulator does not model: DBGMCU, DAC, ADCs, DMA2. For DMA2 also the waiting
+    /// Registers of the blocks that the emulator does not model: DBGMCU, DAC, ADCs, DMA2. DMA2 also has the waiting
     /// word, the count, and whether the stream has just been enabled.
     stored: [Vec<u32>; 4],
     dma: ([u32; 2], bool),

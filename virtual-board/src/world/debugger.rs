@@ -52,7 +52,8 @@ impl World<'_> {
         self.powered.mcu.put(&mut halted.chip, address, from)
     }
 
-    /// As [`sample`](Self::sample), but returns early if a stop of the debugger is met. The next call runs the rest.
+    /// Runs a sample as [`sample`](Self::sample) does, but returns early if a stop of the debugger is met. The next
+    /// call completes this sample.
     ///
     /// # Errors
     /// As [`sample`](Self::sample).

@@ -146,7 +146,7 @@ impl<'a> World<'a> {
         Self::of(board, elf, table, scene, (start_m, STEPS))
     }
 
-    /// As [`new`](Self::new), with every edge of the encoder at its own time.
+    /// Switches a board on as [`new`](Self::new) does, with every edge of the encoder at its own time.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -412,8 +412,8 @@ impl<'a> World<'a> {
         true
     }
 
-    /// Swaps the encoder's channels, so that the encoder counts in the opposite direction from here on. Or restores the
-    /// channels.
+    /// Swaps the encoder's channels, so that the encoder counts in the opposite direction from here on. `swapped`
+    /// false: restores the channels.
     pub fn swap_channels(&mut self, swapped: bool) {
         self.swapped_at = swapped.then(|| self.encoder.count(self.position_m()));
     }
@@ -424,7 +424,7 @@ impl<'a> World<'a> {
         self.swapped_at.map_or(count, |at| at.wrapping_mul(2).wrapping_sub(count))
     }
 
-    /// As [`shown_count`](Self::shown_count), with the fraction between two counts.
+    /// Returns the value of [`shown_count`](Self::shown_count) with the fraction between two counts.
     fn shown_place(&self) -> f64 {
         let place = self.encoder.place(self.shown_m());
         self.swapped_at.map_or(place, |at| 2.0 * f64::from(at) + 1.0 - place)

@@ -13,8 +13,8 @@ pub enum Situation {
     /// A hand swings the handle inside a wall, 0.1 to 0.5 mm deep, at 20 Hz. The swing does not depend on the force, so
     /// the right force is known. A force that stays constant soon becomes wrong.
     Contact,
-    /// As `Free`, with the full force of the motor. The handle reaches the wall after 0.14 s with a high speed. So only
-    /// faults with a short time limit are injected, and each fault is watched for a short time.
+    /// The same as `Free`, but with the full force of the motor. The handle reaches the wall after 0.14 s with a high
+    /// speed. So only faults with a short time limit are injected, and each fault is watched for a short time.
     Full,
 }
 

@@ -49,9 +49,9 @@ pub struct Verdict {
     /// Time for which the force was wrong or old, s.
     #[serde(skip)]
     pub wrong_s: f64,
-    /// Speed that the handle gains until the force is off, m/s. In free motion: the increase of speed since the fault
-    /// while no hand holds the handle. In contact: the speed of an imagined handle that is released at the fault and
-    /// driven by the wrong force, over at most 5 mm.
+    /// Speed that the handle gains until the force is off, m/s. In free motion, this is the increase of speed since the
+    /// fault while no hand holds the handle. In contact, this is the speed of an imagined handle, which is released at
+    /// the fault. The wrong force drives this handle over at most 5 mm.
     pub speed_m_per_s: f64,
     /// Travel of the handle until the force is off, m.
     pub travel_m: f64,
@@ -303,7 +303,8 @@ impl Watched {
 mod tests {
     use super::*;
 
-    /// A fault that is off within 3 ms must not let the handle gain more than 0.1 m/s. A slower fault may.
+    /// If the force is off within 3 ms of a fault, the handle must not gain more than 0.1 m/s. If the force is off
+    /// later, the handle may gain more.
     #[test]
     fn what_is_off_soon_must_not_have_gained_speed() {
         let off = |off_s, speed_m_per_s| Verdict {

@@ -97,7 +97,7 @@ pub fn sessions(
     Ok(all)
 }
 
-/// Runs one session with about `SESSION` commands. Returns its actions and how it ended.
+/// Runs one session with about `SESSION` commands. Returns the session's actions and its end.
 fn one(
     run: &mut Run<'_>,
     session: &Session,

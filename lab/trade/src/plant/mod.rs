@@ -342,7 +342,7 @@ mod tests {
         Method::Integrated(Integrator::Rk4 { steps_per_sample })
     }
 
-    /// With a latency that is no whole number of samples, steps are split.
+    /// The latency is no whole number of samples, so steps are split.
     #[test]
     fn the_commands_of_a_hit_give_the_reference_the_same_hit() {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;

@@ -355,7 +355,7 @@ fn no_command_is_sent_twice() {
     assert_eq!(link.write(COMMANDS, b"hit\n"), 0);
     assert!(link.lost().unwrap().contains("nobody knows whether a command"));
     assert_eq!(link.write(COMMANDS, b"hit\n"), 0);
-    // A lost board stays lost. But the link still sends `disarm` to it if an access succeeds.
+    // A lost board stays lost. But the link still sends `disarm` to a lost board if an access succeeds.
     bench.state().gone = false;
     drop(link);
     assert_eq!(bench.state().obeyed, ["hit", "hit", "disarm"]);
