@@ -1,6 +1,6 @@
 //! Cost of one sample of the loop: the fixed-point core, its `f64` twin in the simulator, and a plain scalar `f64` loop
-//! with the same equations. The plain loop uses no part of the simulator. All three run whole wall hits. The throughput
-//! counts samples.
+//! with the same equations. The plain loop uses no part of the simulator. Core, twin and plain loop run whole wall
+//! hits. The throughput counts samples.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,

@@ -45,7 +45,7 @@ impl Bin {
     }
 }
 
-/// The rows by number. A row's number is its sample divided by [`step`](Self::step).
+/// The rows by number. The number of a row is the number of its sample, divided by [`step`](Self::step).
 #[derive(Debug)]
 pub struct History {
     /// Samples from one row to the next.

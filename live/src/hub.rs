@@ -277,7 +277,7 @@ pub struct Talk {
     /// Bytes for which the board had no room.
     unsent: Vec<u8>,
     /// Whether the board may have received an incomplete line. This is true at the start, since an earlier host may
-    /// have sent one.
+    /// have sent an incomplete line.
     begun: bool,
     /// Bytes of an incomplete reply.
     replies: Vec<u8>,
@@ -304,8 +304,8 @@ impl Talk {
             thread::sleep(LOOK);
         }
         self.disarm();
-        // All bytes must be sent, and the board may have little room. If the board reads nothing, it switches off by
-        // itself when `alive` is missing.
+        // All bytes must be sent, and the board may have little room. A board that reads nothing switches off by itself
+        // when `alive` is missing.
         let end = Instant::now() + REPLY;
         while !self.unsent.is_empty() && Instant::now() < end {
             thread::sleep(LOOK);

@@ -9,12 +9,12 @@ pub enum FromPage {
     /// A line for the console, from the owner only. `stopped`: the number of stops that the page knows. If there were
     /// more stops, the line is refused.
     Command { line: String, stopped: Option<u64> },
-    /// Switches the force off at once; from any page. The answer has the same `id`.
+    /// Switches the force off at once. Any page may send this message. The answer has the same `id`.
     Stop { id: u64 },
-    /// Target of the finger in the board's positions, m; `None` releases the handle. From the owner only, for a virtual
-    /// board.
+    /// Target of the finger in the board's positions, m; `None` releases the handle. Only the owner may send this
+    /// message, and only to a virtual board.
     Finger { target_m: Option<f64> },
-    /// Opens or closes the emergency stop. From the owner only, for a virtual board.
+    /// Opens or closes the emergency stop. Only the owner may send this message, and only to a virtual board.
     EmergencyStop { open: bool },
     /// The page asks for control of the board.
     Ask {},

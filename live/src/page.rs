@@ -131,7 +131,7 @@ impl Page {
         self.shared.seats().hear(self.id, self.shared.hub.now());
     }
 
-    /// Whether the page has not answered for so long that it counts as closed.
+    /// Whether the page has not answered for so long that it is treated as closed.
     pub fn is_gone(&self) -> bool {
         self.shared.seats().is_gone(self.id, self.shared.hub.now())
     }

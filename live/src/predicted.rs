@@ -152,8 +152,8 @@ mod tests {
     use super::*;
     use virtual_board::{board::NUCLEO_F446RE, device};
 
-    /// At low frequencies a second-order Butterworth lags by sqrt 2 / w, and the difference by half a sample. The
-    /// predicted boundary equals the simulator's walk.
+    /// At low frequencies a second-order Butterworth lags by sqrt 2 / w, and the finite difference lags by half a
+    /// sample. The predicted boundary equals the simulator's walk.
     #[test]
     fn delay_and_noise_are_the_filters() {
         let scene = NamedScene::load("nucleo-f446re").unwrap();

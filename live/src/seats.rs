@@ -73,14 +73,14 @@ impl Seats {
         self.pages.iter().find(|(other, _)| *other == page).map(|(_, heard)| *heard)
     }
 
-    /// Time until which the owner counts as present, so that the board may get `alive`; 0 without an owner.
+    /// Time until which the owner is treated as present, so that the board may get `alive`; 0 without an owner.
     pub fn attended_until(&self) -> Duration {
         self.owner
             .and_then(|owner| self.heard(owner))
             .map_or(Duration::ZERO, |heard| heard + ABSENT)
     }
 
-    /// Whether the page counts as closed, even if its socket is open.
+    /// Whether the page is treated as closed, even if its socket is open.
     pub fn is_gone(&self, page: u64, now: Duration) -> bool {
         self.heard(page).is_none_or(|heard| now.saturating_sub(heard) >= GONE)
     }

@@ -108,7 +108,7 @@ fn velocities_are_the_cores_fed_with_the_edges_as_they_are_bit_for_bit() {
     bit_for_bit(&firmware, true);
 }
 
-/// The whole motion. `turned`: the encoder's sign is changed, so it counts in the opposite direction.
+/// The whole motion. `turned`: the encoder's sign is changed, so the encoder counts in the opposite direction.
 fn bit_for_bit(firmware: &Firmware, turned: bool) {
     let (mut world, taken) = chosen(firmware);
     if turned {
@@ -270,7 +270,8 @@ fn hits_end_as_in_the_simulator() {
     for (k, b, stable) in
         [(20_000.0, 30.0, true), (20_000.0, 900.0, true), (300_000.0, 30.0, false)]
     {
-        // Limit cycles of a few counts depend on the start. So many starts give the spread of their results.
+        // Limit cycles of a few counts depend on the start. Therefore the test has many starts, to find the spread of
+        // the results.
         let simulated = |start: u8| {
             let wall = WallHit {
                 velocity: prepared.scene().velocity.at(1500.0),

@@ -150,7 +150,7 @@ impl<'a> Replay<'a> {
     }
 
     /// Runs sample `n`. `next` is the first record at or after this sample. A setting from an output acts from the next
-    /// sample on, and the next record shows it. A zero already acts in this sample.
+    /// sample on, and the next record shows this setting. A zero already acts in this sample.
     pub fn sample(
         &mut self,
         n: u64,

@@ -1,4 +1,4 @@
-//! gdb's port of `cargo board serve`, packet by packet. .ci/clients tests it with gdb itself.
+//! gdb's port of `cargo board serve`, packet by packet. .ci/clients tests this port with gdb itself.
 
 use std::{
     io::{Read as _, Write as _},

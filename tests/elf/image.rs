@@ -161,7 +161,7 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
         };
         assert!(said.starts_with(reason), "{address:#x}: {said}");
         assert!(world.ask("arm").unwrap().starts_with("error: "));
-        // After the bit is restored, the fault is still latched. `clear` ends it.
+        // After the bit is restored, the fault is still latched. `clear` ends the fault.
         flip(&mut world, address);
         world.reset();
         world.run(BOOT).unwrap();
@@ -185,7 +185,7 @@ fn passes_that_are_wrong_or_do_not_end_are_found_without_idle() {
     world.restore(&kept);
     add(&mut world, passes, 5);
     assert!(until_off(&mut world) <= 11);
-    // The state of `idle` is restored again and again, so that its check does not end.
+    // The state of `idle` is restored again and again, so that the check by `idle` does not end.
     world.restore(&kept);
     let (from, size) = firmware.elf.place_of("local_resource_idle").unwrap();
     let mut state = vec![0; size as usize];

@@ -14,7 +14,7 @@
 )]
 
 /// A test on each board. On the default board the test always runs. On the second board the test needs another image,
-/// so it runs in CI only. With a reason to ignore the test, the test runs on both boards in CI only.
+/// so there it runs in CI only. With a reason to ignore the test, the test runs on both boards in CI only.
 macro_rules! each_board {
     ($($test:ident),+) => {$(
         mod $test {

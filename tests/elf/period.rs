@@ -86,7 +86,7 @@ fn every_period_has_the_time_and_its_hit_is_the_cores(board: Board) {
     }
 }
 
-/// An order, and how to see in a frame that an output has carried it out.
+/// An order, and a condition on a frame by which an output has carried out the order.
 struct Step {
     order: Order,
     told: fn(&Record, &Record) -> bool,
@@ -253,7 +253,8 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
         world.hold(middle_m, true);
         world.run(300).unwrap();
         let (mut refused, mut worst, mut beside) = (vec![], ("", 0, 0), 0);
-        // The cheapest estimator comes first, since the last sample of the previous estimator is measured too.
+        // The estimator with the fewest cycles comes first, since the last sample of the previous estimator is measured
+        // too.
         let mut names = EstimatorName::ALL.to_vec();
         names.sort_by_key(|&name| cycles_of(name));
         for name in names {

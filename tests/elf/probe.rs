@@ -78,7 +78,7 @@ fn halt(world: &mut World<'_>) {
     pass(world, 50);
 }
 
-/// A simulated probe-rs: it halts the core when it attaches and when it detaches.
+/// A simulated probe-rs, which halts the core when it attaches and when it detaches.
 struct Attached(Bench);
 
 impl Attached {

@@ -1,4 +1,4 @@
-//! Cycles of `sample` by instruction, for a developer who makes it faster.
+//! Cycles of `sample` by instruction, for a developer who makes `sample` faster.
 
 use std::collections::BTreeMap;
 

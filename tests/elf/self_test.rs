@@ -127,7 +127,7 @@ fn a_self_test_is_refused_while_force_acts(board: Board) {
     assert_eq!(world.powered.amplifier.changes().disabled_at, off);
 }
 
-/// Defects of single parts: by the emergency stop, the pin's mode, the DAC, and the interrupt's priority.
+/// Defects of single parts. The causes are the emergency stop, the pin's mode, the DAC, and the interrupt's priority.
 #[test]
 #[ignore = "a self-test for each defect"]
 fn enable_output_and_delay_fail_by_themselves() {

@@ -1,5 +1,5 @@
-//! Experiments by the release ELF, compared with the simulator's. The board's scene has its measured latency and its
-//! output's quantisation.
+//! Experiments by the release ELF, compared with the simulator's. The board's scene has the measured latency of the
+//! board and the quantisation of its output.
 
 use std::sync::atomic::AtomicBool;
 
@@ -288,7 +288,7 @@ fn a_hand_that_moves_to_and_fro_lets_the_way_back_give_up_by_itself() {
     ok(&mut world, "hit");
     let held_m = world.position_m();
     let mut lines = vec![];
-    // 0.5 mm in 25 ms: more than the push of a return move would move the heaviest handle.
+    // The handle moves by 0.5 mm in 25 ms. The push of a return move would move even the heaviest handle less.
     for n in 0..12_000u32 {
         let place = f64::from(((n + 25) % 50).abs_diff(25));
         world.hold(held_m + 20e-6 * place, true);
@@ -328,7 +328,7 @@ fn calibrate_rises_holds_and_stops_on_motion() {
     assert!(largest_force(&mut world, 100) < 0.01);
     let refused = world.ask("calibrate 31").unwrap();
     assert!(refused.contains("allowed -30 to 30"), "{refused}");
-    // The result is entered, its range is checked, and it is stored.
+    // The result is entered, checked against its range, and stored.
     let refused = world.ask("fullscale 6").unwrap();
     assert!(refused.contains("disarm first"), "{refused}");
     ok(&mut world, "disarm");

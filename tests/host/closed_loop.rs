@@ -137,7 +137,7 @@ fn a_fractional_latency_is_exact() {
             let expected_m = state[0] + scene.device.rest_position_m;
             let error_m = position_m - expected_m;
             assert!(error_m.abs() < POSITION_ERROR_MAX_M, "{latency}: {error_m:e} m at {n}");
-            // The commanded force at each sample, held from output to output.
+            // The commanded force at each sample. It stays constant from output to output.
             let held = rendered.map(|r| r.output * scene.full_scale_n());
             commands.push(held.unwrap_or_else(|| commands.last().copied().unwrap_or(0.0)));
             let new_n = if n >= whole { commands[n - whole] } else { 0.0 };

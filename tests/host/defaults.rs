@@ -140,7 +140,7 @@ fn the_table_of_defaults_is_that_of_an_independent_program() {
                 "latency {latency}, {limit_m:e} m, {name}: {ours:.3}, theirs {theirs} ({:+.1} %)",
                 100.0 * off
             );
-            // One cell changes from 6.4 to 9.0 with the start.
+            // One cell depends on the start: it varies from 6.4 to 9.0.
             let row = study.rows.iter().find(|row| row.name == name).unwrap();
             let [low, high] = row.boundaries[0].area_range().map(|area| area / 1e6);
             if theirs > 1.0 && off.abs() > 0.05 && !(low..=high).contains(&theirs) {

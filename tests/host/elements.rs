@@ -246,7 +246,8 @@ fn noise_differs_between_seeds_and_starts_and_not_between_walls() {
     assert_ne!(noise, readings("seed = 1", 0.25, 2000.0));
     let mean = noise.iter().sum::<i64>() as f64 / 500.0;
     let rms = (noise.iter().map(|n| (*n as f64 - mean).powi(2)).sum::<f64>() / 500.0).sqrt();
-    // 5 counts and the quantiser's variance of 1/12. The spread of an RMS over 500 samples is 3.2 %.
+    // The RMS is expected from 5 counts of noise and the quantiser's variance of 1/12. The spread of an RMS over 500
+    // samples is 3.2 %.
     assert!((rms - 5.0).abs() < 0.65 && mean.abs() < 1.0, "{rms} {mean}");
 }
 

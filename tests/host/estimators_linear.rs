@@ -64,7 +64,8 @@ fn settling(settings: &VelocitySettings) -> usize {
     }
 }
 
-/// Rounding error of the output, LSB. A low-pass carries its rounding residue, so the error may reach a whole LSB.
+/// Rounding error of the output, LSB. A low-pass adds the rounding residue of a sample to the next sample, so the error
+/// may reach a whole LSB.
 fn rounding_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::Butterworth { .. } | VelocitySettings::FirstOrder { .. } => 1.0,
@@ -207,7 +208,8 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
 }
 
 /// The test fails if a row of the table has no twin, or if a linear row has no transfer function. An estimator is
-/// linear if responses add up. The test adds responses of the twin to slow motions, in which windows are long.
+/// linear if the response to a sum is the sum of the responses. The test adds responses of the twin to slow motions, in
+/// which windows are long.
 #[test]
 fn every_estimator_has_a_twin_and_if_it_is_linear_its_transfer_function() {
     let mut linear = 0;

@@ -154,7 +154,7 @@ fn spans_out_of_range_are_refused_by_name() {
 /// A scene's edges are from a cubic between samples. The test compares these edges with the motion itself.
 #[test]
 fn edges_of_a_simulated_motion_are_where_the_motion_crosses() {
-    // A reversal within a sample, over an edge and back: the return crossing counts.
+    // The handle reverses within a sample, over an edge and back. The edge is then the return crossing.
     assert_eq!(
         last_edge([0.5, 3.0], [0.5, -3.0]).map(|(at, up)| (at > 0.5, up)),
         Some((true, false))

@@ -210,7 +210,7 @@ fn any_estimator() -> impl Strategy<Value = (EstimatorName, Numbers)> {
 }
 
 /// The estimator with its parameters at these fractions of the ranges that the core accepts on this device. The ranges
-/// come from the error messages, one after another.
+/// are read from the error messages, one parameter after another.
 fn tuned(name: EstimatorName, parts: Numbers, design: &Design) -> VelocitySettings {
     let mut numbers = [f64::NAN; PARAMETERS];
     for _ in 0..2 * PARAMETERS {

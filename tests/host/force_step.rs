@@ -154,7 +154,7 @@ impl Loop {
         }
     }
 
-    /// The settings that the firmware would propose now; `None` if it refuses the command.
+    /// The settings that the firmware would propose now; `None` if the firmware refuses the command.
     fn ask(&self, ask: Ask) -> Option<Settings> {
         let mut settings = self.settings;
         let command = match ask {
@@ -247,7 +247,7 @@ fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(),
             prop_assert!(rendered.record.fault != 0);
             return Ok(());
         };
-        // A correction that was fading before has also faded in the twin, by up to this value.
+        // If a correction was fading before, it has also faded in the twin, by up to this value.
         let fading = if before.flags.contains(Flags::CHANGING) { i64::from(SLEW) } else { 0 };
         // If a wall was removed before the handle reached it, the removed wall gives no force. The force continues from
         // its last value.
@@ -337,7 +337,7 @@ fn a_new_cutoff_keeps_the_state_of_the_filter() {
         }
     }
     // The remaining deviation is the flicker of the counts, one count per sample. A wide filter passes this flicker. A
-    // narrow filter that follows keeps it in its state.
+    // narrow filter that follows keeps the flicker in its state.
     println!("largest deviation {largest} of {speed} counts per sample");
     assert!(largest < 2.0, "{largest}");
 }
@@ -382,10 +382,10 @@ fn swings(control: &LoopParameters) -> [f64; 2] {
 }
 
 /// A new estimator during a motion starts as if the handle had always moved at the old estimator's last velocity. So
-/// the error of the new estimator has three parts. The first part is the error that it would have if it had always run.
-/// The second part is the response to two differences: the error of the old estimator, and the error of the new one.
-/// This response fades, and swings as after a step of speed. The third part comes from the acceleration, which the new
-/// estimator does not know yet. The change adds no further error.
+/// the error of the new estimator has three parts. The first part is the error that the new estimator would have if it
+/// had always run. The second part is the response to two differences: the error of the old estimator, and the error of
+/// the new one. This response fades, and swings as after a step of speed. The third part comes from the acceleration,
+/// which the new estimator does not know yet. The change adds no further error.
 #[test]
 fn an_exchanged_estimator_is_as_good_as_one_that_has_always_run() {
     const WARM_UP: u32 = 40_000;

@@ -1,7 +1,7 @@
-//! `identify` of random exact devices. A device has mass and damping. It may have a spring, Coulomb or Stribeck
-//! friction, a slow amplifier or an offset force. It runs in open loop, or in a loop of speed or position with the
-//! encoder's counts, at 100 Hz to 10 kHz, with rests. This file integrates the devices itself (Runge and Kutta of order
-//! 4, reversals by bisection). So it has no code of the fitted model.
+//! `identify` of random exact devices. A device has mass and damping. A device may have a spring, Coulomb or Stribeck
+//! friction, a slow amplifier or an offset force. A device runs in open loop, or in a loop of speed or position with
+//! the encoder's counts, at 100 Hz to 10 kHz, with rests. This file integrates the devices itself (Runge and Kutta of
+//! order 4, reversals by bisection). So this file has no code of the fitted model.
 
 use std::fmt::Write as _;
 
@@ -328,7 +328,7 @@ struct Verdict {
     /// Whether a warning names a missing term, or a parameter that cannot be determined.
     pub warned: bool,
     pub invented: Vec<Term>,
-    /// Terms of the device that the model lacks, if the model's prediction is off by more than the encoder's error.
+    /// Terms of the device that the model lacks, if the model's prediction has a larger error than the encoder.
     pub missed: Vec<Term>,
 }
 

@@ -16,7 +16,7 @@ use crate::figure::figure;
 /// A hit, and values that only a simulator knows.
 struct Seen {
     report: HitReport,
-    /// Largest change of the counts' motion, counts. The controller's limit must allow for it.
+    /// Largest change of the counts' motion, counts. The controller's limit must allow this change.
     change: f64,
     /// Smallest energy that the acting force has exchanged with the true motion in a contact, J.
     given_true_j: f64,
@@ -204,8 +204,8 @@ fn campaign(scenes: u32, told: bool) {
         let given_j = passive.report.port.given_j;
         let most_j = reserve_j * (1.0 + f64::from(passive.outputs) / 2f64.powi(21));
         assert!(!is_allowed || given_j <= most_j, "{n}: {given_j} of {most_j} J, {wall:?}");
-        // The true motion differs by one count at each change of force, and by a fraction of a sample in which the
-        // force changes.
+        // At a change of force, the true motion may differ from the counts by one count. Within the sample of the
+        // change, a part of the motion belongs to the old force.
         let unseen_j = passive.unseen_j * 2.0;
         assert!(!is_allowed || passive.given_true_j <= most_j + unseen_j, "{n}");
         gave += u32::from(plain.report.port.given_j > reserve_j);

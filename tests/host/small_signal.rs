@@ -33,9 +33,9 @@ fn scene(latency: f64, stiffness_n_per_m: f64) -> Scene {
     scene
 }
 
-/// Whether the oscillation grows. It grows if its size reaches a limit, at which the handle is still in the wall. It
-/// decays if its size falls below a limit near the counts. Otherwise the sizes after one second and after six seconds
-/// decide.
+/// Whether the oscillation grows. The oscillation grows if its size reaches a limit, at which the handle is still in
+/// the wall. The oscillation decays if its size falls below a limit near the counts. Otherwise the sizes after one
+/// second and after six seconds decide.
 fn grows(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64, stiffness_n_per_m: f64) -> bool {
     const LARGE_M: f64 = 6e-4;
     const SMALL_M: f64 = 1e-6;

@@ -140,7 +140,7 @@ impl Sampling for Down {
     }
 }
 
-/// The amplifier's enable, and the hardware that disables the amplifier without the program's help.
+/// The amplifier's enable, and the hardware that disables the amplifier without the program.
 #[derive(Clone, Debug, Default)]
 struct Enable {
     active: bool,
@@ -148,7 +148,7 @@ struct Enable {
     /// The stop was open at some time since the amplifier was last enabled.
     stop_noted: bool,
     supply_low: bool,
-    /// The supply was low at some time since the last output checked it.
+    /// The supply was low at some time since the last output checked the supply.
     supply_noted: bool,
 }
 
@@ -159,7 +159,7 @@ pub struct CoreProgram {
     guard: Guard,
     view: GuardView,
     down: Down,
-    /// A sample that is due for an output and has none yet.
+    /// A sample for which an output is due and has not run.
     pub due: Option<SampleReport>,
     reports: VecDeque<Report>,
     /// The newest report that the console has read.

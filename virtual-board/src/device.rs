@@ -30,7 +30,7 @@ const BUILT_IN: [(&str, &[u8]); BOARDS.len()] = [
 const CUTOFF_HZ: f64 = 1500.0;
 
 impl Elf {
-    /// The image with this record in place of its own. The rest of the flash sector is erased.
+    /// The image with this record in place of the image's own record. The rest of the flash sector is erased.
     ///
     /// # Errors
     /// The image is from an older firmware, which has no device record.
@@ -90,7 +90,7 @@ pub fn same_units(record: &[u8], board: Board, scene: &Scene) -> Result<(), Stri
 /// Reads the record file of the option `--device`, for this scene.
 ///
 /// # Errors
-/// The file cannot be read, or its record has other units than the scene.
+/// The file cannot be read, or the record has other units than the scene.
 pub fn given(path: &Path, board: Board, scene: &NamedScene) -> Result<Vec<u8>, Error> {
     let bytes = load(path)?;
     same_units(&bytes, board, &scene.scene)

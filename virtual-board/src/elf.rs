@@ -28,7 +28,7 @@ impl Elf {
     /// Reads a file.
     ///
     /// # Errors
-    /// The file cannot be read, or it is not a 32-bit little-endian ELF.
+    /// The file cannot be read, or the file is not a 32-bit little-endian ELF.
     pub fn load(path: &Path) -> Result<Self, Error> {
         Self::parse(input::read(path, input::PROGRAM)?, &path.display().to_string())
     }

@@ -60,8 +60,8 @@ pub fn build_with_record(board: &str, record: &Path) -> Result<PathBuf, String> 
     })
 }
 
-/// Builds an archive or a program of the package `on-target` with the firmware's build options. Tests use it to check
-/// the compiled code of the core.
+/// Builds an archive or a program of the package `on-target` with the firmware's build options. With the result, tests
+/// check the compiled code of the core.
 ///
 /// # Errors
 /// The error of `cargo` or `rustup`.

@@ -30,7 +30,7 @@ impl<'a> Decoder<'a> {
         Self { stream: table.new_stream_decoder(), begun: Vec::new() }
     }
 
-    /// Takes bytes in and returns the lines that are complete.
+    /// Adds bytes of the stream, and returns the lines that are now complete.
     ///
     /// # Errors
     /// A frame is malformed.

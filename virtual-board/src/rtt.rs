@@ -61,7 +61,7 @@ impl Rtt {
         self.address
     }
 
-    /// Reads the control block with one access; `None` if the program has not set it up.
+    /// Reads the control block with one access; `None` if the program has not set up the block.
     ///
     /// # Errors
     /// The memory could not be reached.

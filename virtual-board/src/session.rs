@@ -67,7 +67,7 @@ pub struct BoardHit {
 }
 
 impl BoardHit {
-    /// Reads a hit from its last line, and from the lines of its pushes if it has several.
+    /// Reads a hit from its last line, and from the lines of its pushes if the hit has several pushes.
     ///
     /// # Errors
     /// The line is an error or not the result of a hit.
@@ -164,7 +164,7 @@ impl Session {
     /// A session with this image and the device record of the scene. Without `elf` the board's image is built.
     ///
     /// # Errors
-    /// The image cannot be read or built, or it is not of this firmware.
+    /// The image cannot be read or built, or is not of this firmware.
     pub fn open(board: Board, elf: Option<&PathBuf>, scene: NamedScene) -> Result<Self, Error> {
         let record = device::record(&scene, board)?;
         Self::open_with(board, elf, scene, record)
@@ -174,7 +174,7 @@ impl Session {
     /// image's own record is used.
     ///
     /// # Errors
-    /// As [`open`](Self::open).
+    /// The errors of [`open`](Self::open).
     pub fn open_with(
         board: Board,
         elf: Option<&PathBuf>,
@@ -229,7 +229,7 @@ impl Session {
     /// positions are the scene's. Then releases the handle and waits until the handle rests.
     ///
     /// # Errors
-    /// As [`boot`](Self::boot), or the board refused `zero`.
+    /// The errors of [`boot`](Self::boot), or the board refused `zero`.
     pub fn boot_at_zero(&self) -> Result<World<'_>, Failed> {
         self.zeroed(false)
     }
@@ -238,7 +238,7 @@ impl Session {
     /// handle.
     ///
     /// # Errors
-    /// As [`boot_at_zero`](Self::boot_at_zero).
+    /// The errors of [`boot_at_zero`](Self::boot_at_zero).
     pub fn boot_and_let_go(&self) -> Result<World<'_>, Failed> {
         self.let_go(false)
     }
@@ -399,12 +399,13 @@ pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
 /// Sends several lines as [`ask`] does.
 ///
 /// # Errors
-/// As [`ask`].
+/// The errors of [`ask`].
 pub fn ask_each(world: &mut World<'_>, lines: &[impl AsRef<str>]) -> Result<(), Failed> {
     lines.iter().try_for_each(|line| ask(world, line.as_ref()).map(drop))
 }
 
-/// The commands that tune the scene's estimator and select it. The firmware refuses an estimator that it does not have.
+/// The commands that tune the scene's estimator and select this estimator. The firmware refuses an estimator that is
+/// not in the image.
 fn tuning(
     board: Board,
     scene: &Scene,

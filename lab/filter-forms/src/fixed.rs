@@ -1,9 +1,9 @@
 //! Direct forms in fixed point, by the core's rules, with or without error feedback. For Q15 each word is half as wide.
 //!
 //! A coefficient has two bits before the point, because `|a1|` reaches 1.98. The other bits are after the point: 30
-//! bits in a 32-bit word, 14 bits in Q15. The core's rule makes the DC gain exactly one, the best that these words
-//! allow. Without this rule each coefficient would be rounded separately. Then Q15 at 20 Hz and 10 kHz would have `b0 =
-//! 1` and `1 + a1 + a2 = 2` LSB, which is a DC gain of 2.
+//! bits in a 32-bit word, 14 bits in Q15. The core's rule makes the DC gain exactly one. This is the best that these
+//! words allow. Without this rule each coefficient would be rounded separately. Then Q15 at 20 Hz and 10 kHz would have
+//! `b0 = 1` and `1 + a1 + a2 = 2` LSB, which is a DC gain of 2.
 //!
 //! A sum of products fits into the wide word with the same margin as in the core: `|b0| + .. + |a2| < 4`.
 

@@ -102,7 +102,7 @@ impl Areas {
         if self.mean() > 0.0 { (high - low) / self.mean() } else { 0.0 }
     }
 
-    /// Relative difference of the mean area from the reference's. `None` if the reference has no area.
+    /// Relative difference of the mean area from the mean area of the reference. `None` if the reference has no area.
     pub fn change(&self, reference: &Self) -> Option<f64> {
         (reference.mean() > 0.0).then(|| self.mean() / reference.mean() - 1.0)
     }

@@ -34,9 +34,9 @@ impl Reversal {
     }
 
     /// Largest speed, counts per sample, at which the filter neither wraps nor saturates during the reversal. The
-    /// lowest and highest output must differ from the exact filter's by at most a twentieth of the overshoot. For a
-    /// filter with other errors, the outputs may instead agree with its outputs at half the speed. `None` if these
-    /// errors hide the overflow at every speed.
+    /// lowest and highest output must differ from those of the exact filter by at most a twentieth of the overshoot.
+    /// For a filter with other errors, the outputs may instead agree with its outputs at half the speed. `None` if
+    /// these errors hide the overflow at every speed.
     pub fn measure(&self, filter: &Filter) -> Option<f64> {
         let mut low = FASTEST_COUNTS;
         let mut high = None;

@@ -7,8 +7,8 @@ use super::{Bench, LSB_PER_COUNT, larger};
 
 /// Periods of the cutoff after which the exact output is below 10^-38 of its value at the stop.
 const PERIODS: f64 = 20.0;
-/// Smallest number of samples of the measurement after these periods. `WATCHED_PERIODS` is its smallest number of
-/// periods.
+/// Smallest number of samples of the measurement after these periods. `WATCHED_PERIODS` is the smallest number of
+/// periods of this measurement.
 const WATCHED: u32 = 5000;
 const WATCHED_PERIODS: f64 = 1.0;
 /// Smallest number of samples for which the handle moves at random.

@@ -16,13 +16,13 @@ use std::{cell::RefCell, sync::Once};
 pub use question::answer;
 
 thread_local! {
-    /// `IN` is the data from the worker, `OUT` the answers to it.
+    /// `IN` has the data from the worker, and `OUT` has the answers to this data.
     static IN: RefCell<Vec<Vec<u8>>> = const { RefCell::new(vec![]) };
     static OUT: RefCell<Vec<Vec<u8>>> = const { RefCell::new(vec![]) };
 }
 
-/// Allocates `length` bytes after the memory of earlier calls. Clears the previous answers, so that they are not taken
-/// for the message of a panic.
+/// Allocates `length` bytes after the memory of earlier calls. Clears the previous answers, so that these answers are
+/// not mistaken for the message of a panic.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_input(length: usize) -> *mut u8 {

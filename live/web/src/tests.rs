@@ -78,7 +78,7 @@ fn bad_input_is_one_line() {
     assert!(answer(vec![b"\xff".to_vec()])[0].starts_with(b"{\"error\":"));
 }
 
-/// The settings that the page compares with those of its board. The cutoff may differ.
+/// The settings that the page compares with the settings of the page's board. The cutoff may differ.
 #[test]
 fn the_scene_says_what_its_studies_are_of() {
     let paper = host_sim::scene::NamedScene::load("paper-1um").unwrap().text;

@@ -80,7 +80,7 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
 }
 
 /// If no host reads the lines of a walk, the walk ends after its present hit, since further results would be lost. A
-/// host that reads again gets a message about this.
+/// host that reads again gets a message about the end of the walk.
 #[test]
 fn a_walk_ends_when_nobody_reads() {
     let firmware = Firmware::of(NUCLEO_F446RE);

@@ -19,7 +19,7 @@ each_board!(the_sampling_task_enters_no_critical_section, nothing_delays_the_sam
 /// interrupted.
 const SPREAD: u64 = 64;
 
-/// Longest time for which the logger masks `render` and `brown_out`, us, including a sample within it.
+/// Longest time for which the logger masks `render` and `brown_out`, us, including a sample during the mask.
 const MASK_US: f64 = 60.0;
 
 /// Fails if something delays the samples. The error names the cause.

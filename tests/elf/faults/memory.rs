@@ -67,7 +67,7 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     let mut world = firmware.boot();
     let render = place(&firmware, "local_resource_render");
     let sample = place(&firmware, SAMPLE_STATE);
-    // The motor's sign is a byte. The test finds it by a change of the sign with the force off.
+    // The motor's sign is a byte. The test finds this byte by a change of the sign with the force off.
     let mut seen = [Vec::new(), Vec::new()];
     for turned in [0, 1, 0, 1, 0] {
         ok(&mut world, ["motor +", "motor -"][turned]);

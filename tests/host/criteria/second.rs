@@ -1,6 +1,6 @@
-//! A second program for the loops of docs/lab/criteria-measured.md. It has its own device, amplifier, transmission,
-//! DAC, latency, filter, wall, hit and walk in `f64`. The program takes only the numbers of the scenes from the
-//! simulator.
+//! A second program for the loops of docs/lab/criteria-measured.md. This program has its own device, amplifier,
+//! transmission, DAC, latency, filter, wall, hit and walk in `f64`. The program takes only the numbers of the scenes
+//! from the simulator.
 
 use host_sim::study::levers::{Between, Lever, levers};
 
@@ -36,7 +36,8 @@ fn exponential(rates: &Matrix, time_s: f64) -> Matrix {
     (0..halvings).fold(sum, |power, _| times(&power, &power))
 }
 
-/// Matrix of the equations of motion under a constant command, which the last state, 1, multiplies.
+/// Matrix of the equations of motion under a constant command. The command is in the column of the last state, the
+/// constant 1.
 fn rates(scene: &Scene, command_n: f64) -> Matrix {
     let Device { mass_kg: m, damping_n_s_per_m: b, stiffness_n_per_m: k, .. } = scene.device;
     let mut a = [[0.0; STATES]; STATES];

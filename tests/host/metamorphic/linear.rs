@@ -45,7 +45,7 @@ fn entries(of: &Matrix) -> impl Iterator<Item = f64> {
     of.iter().flatten().map(|x| f64::from(*x).abs())
 }
 
-/// exp(A t): the series for a fraction 2^-squarings of the time, squared as often.
+/// exp(A t): the series for the time divided by 2^squarings. The result is then squared `squarings` times.
 fn exponential(a: &Matrix, t: f64) -> Matrix {
     let n = a.len();
     let norm = entries(a).fold(0.0, f64::max) * n as f64 * t;
@@ -72,7 +72,7 @@ fn plant(of: &Loop) -> Matrix {
     let Elements { amplifier, mode, arm } = of.elements;
     let device = of.device;
     let mut masses = vec![device.mass_kg];
-    // Springs and dampers to a body, from the body before it or from the ground.
+    // Springs and dampers to a body, from the previous body or from the ground.
     let mut links = vec![(0, true, device.stiffness_n_per_m, device.damping_n_s_per_m)];
     if let Some(mode) = mode {
         masses.push(mode.mass_kg);
@@ -137,7 +137,7 @@ fn plant(of: &Loop) -> Matrix {
         .collect()
 }
 
-/// The loop over one output period. Its state: the plant with the acting command; the estimator's past positions and
+/// The loop over one output period. The state has the plant with the acting command; the estimator's past positions and
 /// velocities, newest first; the commands that do not act yet, oldest first.
 fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let a = plant(of);

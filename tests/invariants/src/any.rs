@@ -183,7 +183,7 @@ pub fn counts(pieces: &[Piece]) -> Vec<i64> {
     places(pieces).into_iter().map(|place| place.floor() as i64).collect()
 }
 
-/// Random numbers for a case that has a seed in place of a list.
+/// Random numbers for a case with a seed instead of a list.
 #[derive(Clone, Copy, Debug)]
 pub struct Random(pub u64);
 

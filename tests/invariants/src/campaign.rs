@@ -130,7 +130,7 @@ impl Campaign {
             open.fold(first, |least, other| if other.2 < least.2 { other } else { least });
         if let Some(progress) = count.of.get_mut(property.title()) {
             progress.batches += 1;
-            // An estimate until the time is known, so that other cores take other properties.
+            // An estimate until the true time is known. So other cores try other properties.
             progress.seconds += 1.0;
         }
         let Extent::Batch(only) = self.extent else { return Some((property, number)) };

@@ -130,7 +130,7 @@ crate::properties! {
         }
     }
 
-    /// A motor without force is ready again within the stated number of outputs, however warm it was. A cold motor is
+    /// A motor without force is ready again within the stated number of outputs, from any temperature. A cold motor is
     /// always ready.
     ready_again(60, motor in motor(2000).prop_filter("long", |motor| motor.plan.patience() < 60_000)) {
         let mut winding = Winding::cold();

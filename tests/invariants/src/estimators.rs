@@ -221,8 +221,8 @@ crate::properties! {
         }
     }
 
-    /// A linear estimator equals its equations in f64 within 3 LSB and the rounding of its coefficients, for any
-    /// motion.
+    /// The velocity of a linear estimator equals the velocity by its equations in f64, for any motion. Allowed are 3
+    /// LSB and the rounding of the coefficients.
     linear(200, (tuned, pieces, seed) in (tuned(), any::motion(300.0), any::<u64>())) {
         let says = stated(&tuned.settings, &tuned.design);
         let mut random = Random(seed);

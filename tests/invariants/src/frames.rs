@@ -163,8 +163,8 @@ crate::properties! {
         assert_eq!(Frame::decode(&other), (other == sent).then_some(frame));
     }
 
-    /// A stream may begin anywhere, lack frames and contain garbage. Every complete frame in it is read in order.
-    /// Dropped frames and garbage are counted.
+    /// A stream may begin anywhere, lack frames and contain garbage. Every complete frame of the stream is read in
+    /// order. Dropped frames and garbage are counted.
     out_of_a_stream(150, (first, skipped, parts) in (
         prop_oneof![any::<u32>(), u32::MAX - 20..],
         0usize..40,

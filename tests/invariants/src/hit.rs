@@ -47,7 +47,7 @@ fn model(plan: &HitPlan, limit: u32, samples: &[(i32, bool)]) -> Verdict {
     if stable { Verdict::Stable } else { Verdict::Unstable }
 }
 
-/// A limit at which the verdict changes: the RMS of the positions, or a random value near it.
+/// A limit at which the verdict changes: the RMS of the positions, or a random value near this RMS.
 fn limit_near(window: &[(i32, bool)], off: i64) -> u32 {
     let n = window.len() as f64;
     let rms = (scatter(window) as f64).sqrt() / n * 65_536.0;
@@ -55,8 +55,8 @@ fn limit_near(window: &[(i32, bool)], off: i64) -> u32 {
 }
 
 crate::properties! {
-    /// A hit is judged exactly at the last sample of its window: below, at or above the limit, in contact or not. An
-    /// early verdict equals the late one. Samples after the end change nothing.
+    /// The verdict of a hit comes exactly at the last sample of its window: below, at or above the limit, in contact or
+    /// not. An early verdict equals the late verdict. Samples after the end change nothing.
     judged(1500, (samples, settle, off) in (positions(), 0u32..60, -2i64..=2)) {
         let settle = settle.min(samples.len() as u32 - 1);
         let window = samples.len() as u32 - settle;

@@ -79,7 +79,7 @@ fn safety(design: &Design) -> SafetySettings {
     }
 }
 
-/// A device of this design. `hit` sets the length of its hit, up to the longest.
+/// A device of this design. `hit` sets the length of the hit, up to the longest allowed length.
 pub fn device(design: Design) -> Device<'static> {
     let far = 5e3 * design.resolution_m;
     Device {
@@ -278,7 +278,7 @@ crate::properties! {
             let window_s: f64 = Decimal(end - settle_s).to_string().parse().unwrap();
             let built = bench.hit_sequence(&zwidth::store::Stored { settle_s, window_s, ..stored }, false);
             assert!(built.is_ok(), "{line}: {settle_s} and {window_s}: {:?}", built.err());
-            // One sample more, since half a sample is rounded away.
+            // The test adds a whole sample, since half a sample is rounded away.
             let window_s = window_s + 1.0 / design.rate_hz;
             let built = bench.hit_sequence(&zwidth::store::Stored { settle_s, window_s, ..stored }, false);
             assert!(built.is_err(), "{line}: {settle_s} and {window_s} of {longest} are accepted");

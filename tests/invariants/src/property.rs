@@ -1,4 +1,4 @@
-//! A property, and the macro with which the modules define theirs.
+//! A property, and the macro with which modules define their properties.
 
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 

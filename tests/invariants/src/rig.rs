@@ -27,7 +27,7 @@ pub const NO_WALL: WallSettings = WallSettings {
     push_only: true,
 };
 
-/// The widest limits, so that they never end a case.
+/// The widest limits. So no limit ends a case.
 pub fn wide(design: &Design) -> SafetySettings {
     let unit = design.resolution_m * design.rate_hz;
     SafetySettings {
@@ -136,7 +136,8 @@ impl Rig {
         self.supervisor.status().state
     }
 
-    /// Sets the zero and passes the sign test by a handle that follows the force. The ramp comes next.
+    /// Sets the zero, and runs the sign test with a handle that follows the force. After the sign test, the ramp
+    /// begins.
     pub fn pass_sign_test(&mut self) {
         self.output();
         self.ask(Request::Zero).unwrap();

@@ -10,7 +10,7 @@ mod position_ring;
 
 use position_ring::{FOLLOWED, Follower, is_kept, note, read};
 
-/// There is only one ring. This mutex lets one test use it at a time.
+/// There is only one ring. With this mutex, only one test uses the ring at a time.
 static RING: Mutex<()> = Mutex::new(());
 
 /// A position that contains the number of its sample.

@@ -43,8 +43,8 @@ pub struct Resonance {
     pub coefficients: f64,
     /// Largest gain from input to output.
     pub gain: f64,
-    /// Largest gain before the last section; 0 with one section. There a value may saturate although the output is in
-    /// range.
+    /// Largest gain before the last section; 0 with one section. Before the last section, a value may saturate although
+    /// the output is in range.
     pub inside: f64,
 }
 

@@ -154,12 +154,12 @@ fn stored(number: f64, name: EstimatorName, flags: [bool; 3]) -> Stored {
     }
 }
 
-/// A save: its number, and after how many units the power is cut, if at all.
+/// A save: its number, and the number of units until a power cut, if there is a power cut.
 type Step = (u16, Option<u32>);
 
 fn steps() -> impl Strategy<Value = Vec<Step>> {
     let cut = prop::option::of(1u32..(2 * RECORD_BYTES + SECTOR_BYTES) as u32 / 4);
-    // Early cuts are more frequent, since wide units are few.
+    // Early cuts are more frequent, since a record has few wide units.
     let cut = prop_oneof![2 => cut, 1 => prop::option::of(1u32..50)];
     prop::collection::vec((0u16..50, cut), 1..25)
 }
@@ -198,7 +198,7 @@ fn survives<const UNIT: usize>(remains: [Option<(usize, usize)>; 2], steps: &[St
         }
         if loaded.stored != defaults {
             assert!(matches!(loaded.source, Source::Newest | Source::Older));
-            // The contents do not change any more: the interrupted record is either complete or lost for ever.
+            // The contents do not change any more: the interrupted record is complete, or it is lost for ever.
             may = vec![loaded.stored];
             saved = true;
         } else if !saved {

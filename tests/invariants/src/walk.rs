@@ -95,7 +95,7 @@ fn told(grid: &Grid, world: &World) -> Told {
     let mut capped = false;
     let cell = |[i, j]: [i64; 2]| Cell { stiffness: i as i32, damping: j as i32 };
     let [mut i, mut j] = [0, 0];
-    // The highest stable K of each column. The search starts at the K of the column before.
+    // The highest stable K of each column. The search starts at the K of the previous column.
     loop {
         let mut highest = None;
         let mut at = i;

@@ -347,7 +347,7 @@ impl Reader<'_> {
         self.file.named.push(Named { line, from: from.clone(), path });
     }
 
-    /// Reads a tree of `use` after `path`, up to its comma, brace or semicolon.
+    /// Reads a tree of `use` after `path`, up to the comma, brace or semicolon at the end of the tree.
     fn tree(&mut self, from: &Module, path: &[String]) {
         let mut path = path.to_vec();
         loop {

@@ -46,7 +46,7 @@ impl Begin {
     }
 }
 
-/// A virtual board in real time. Dropping it switches the board off.
+/// A virtual board in real time. Dropping this value switches the board off.
 pub struct LiveBoard {
     pub wires: Arc<Wires>,
     ended: Arc<AtomicBool>,
@@ -65,7 +65,7 @@ impl LiveBoard {
     /// Switches a board on as [`start`](Self::start) does, with a port for gdb. The listener must not block.
     ///
     /// # Errors
-    /// As [`start`](Self::start).
+    /// The errors of [`start`](Self::start).
     pub fn with_gdb(
         session: Session,
         begin: Begin,

@@ -32,7 +32,8 @@ const ANSWER: Duration = Duration::from_secs(2);
 const LEAVE: Duration = Duration::from_millis(200);
 /// Time between two checks of an idle board.
 const LOOK: Duration = Duration::from_millis(1);
-/// Number of bytes of the program that are compared: the vectors, which nearly every change of a program changes.
+/// Number of compared bytes of the program. These bytes are the vectors, which differ after nearly every change of a
+/// program.
 const COMPARED: usize = 256;
 
 /// A core that a probe has opened. Each error is one line of text.

@@ -31,7 +31,7 @@ pub struct Ports {
     pub gdb: Option<u16>,
 }
 
-/// A virtual board behind three TCP ports. Dropping it switches the board off.
+/// A virtual board behind three TCP ports. Dropping this value switches the board off.
 pub struct Server {
     /// Port of channel 0. The other channels have the ports after it.
     pub port: u16,
@@ -71,7 +71,7 @@ impl Drop for Server {
     }
 }
 
-/// Serves until the user interrupts it or the board's program ends.
+/// Serves until the user presses Ctrl-C, or until the board's program ends.
 ///
 /// # Errors
 /// The errors of [`Server::start`], and the end of the board's program.

@@ -27,8 +27,8 @@ pub(super) struct Clock {
     touched: AtomicBool,
     /// Whether the chip's clock differs from the clock that was set up.
     changed: AtomicBool,
-    /// State of a changed clock, in four fields: cycle of the change, cycles lost before it, present frequency and
-    /// set-up frequency, MHz.
+    /// State of a changed clock, in four fields: cycle of the change, cycles lost before the change, present frequency
+    /// and set-up frequency, MHz.
     since: AtomicU64,
     lost: AtomicU64,
     mhz: AtomicU64,
@@ -203,7 +203,8 @@ impl Lazy {
         }
     }
 
-    /// Advances the device to the owed cycle. Call it before an access and before a change of the device's time.
+    /// Advances the device to the owed cycle. Call this function before an access and before a change of the device's
+    /// time.
     #[inline]
     pub(super) fn pay(&self) {
         let owed = self.owed.load(Relaxed);

@@ -38,8 +38,8 @@ const LOCKED: [&[(u64, u32)]; 3] = [
     &[(0x18, 0x7878), (0x1C, 0x7878)],
 ];
 
-/// TIM1's port. The port models BDTR's lock, the break input and the break flag. The emulator's timer only stores the
-/// bits of these. The port also notes when the duty was written.
+/// TIM1's port. The port models BDTR's lock, the break input and the break flag. For all three, the emulator's timer
+/// only stores the bits. The port also notes when the duty was written.
 #[derive(Debug)]
 pub(super) struct Break {
     pub(super) lazy: Lazy,

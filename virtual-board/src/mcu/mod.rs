@@ -130,7 +130,7 @@ pub struct Mcu {
     memories: Memories,
     clock: Arc<Clock>,
     soc: Soc,
-    /// A copy of the core's registers after the last step. To read the registers from the emulator takes half as long
+    /// A copy of the core's registers after the last step. A read of the registers from the emulator takes half as long
     /// as a step.
     registers: Regs,
     /// Whether the last step left the program counter unchanged: the core sleeps, is locked up, or branches to the same

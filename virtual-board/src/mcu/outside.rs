@@ -8,7 +8,7 @@ impl Mcu {
         self.soc.set_pin(pin, high);
     }
 
-    /// Drives all these pins again after a reset, which moves no switch.
+    /// Drives all these pins again after a reset. A reset moves no switch.
     pub(super) fn drive_pins(&self) {
         for (pin, (high, alternate)) in &self.outside {
             self.soc.set_pin(*pin, *high);
@@ -30,7 +30,7 @@ impl Mcu {
         self.soc.set_break(open);
     }
 
-    /// Sets the supply, mV; at first it is [`SUPPLY_MV`](super::SUPPLY_MV). The supply affects only the voltage
+    /// Sets the supply, mV. The initial supply is [`SUPPLY_MV`](super::SUPPLY_MV). The supply affects only the voltage
     /// detector.
     pub fn set_supply_mv(&mut self, mv: u32) {
         self.clock.set(self.now);

@@ -134,8 +134,8 @@ impl<'a> World<'a> {
     /// Switches a board on, with the handle held at `start_m`. The board's count starts from 0 there.
     ///
     /// # Errors
-    /// The ELF is not this firmware. Another error: the scene has `[jitter]`, a push by a hand, another protocol or
-    /// another criterion.
+    /// The ELF is not this firmware. Or the scene has `[jitter]`, a push by a hand, a protocol other than the paper's,
+    /// or a criterion that a board cannot judge.
     pub fn new(
         board: Board,
         elf: &Elf,
@@ -149,7 +149,7 @@ impl<'a> World<'a> {
     /// Switches a board on as [`new`](Self::new) does, with every edge of the encoder at its own time.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// The errors of [`new`](Self::new).
     pub fn with_edge_times(
         board: Board,
         elf: &Elf,
@@ -287,7 +287,7 @@ impl<'a> World<'a> {
     /// A hand moves the handle to `to_m` at 0.5 m/s and holds it there.
     ///
     /// # Errors
-    /// As [`sample`](Self::sample).
+    /// The errors of [`sample`](Self::sample).
     pub fn lead_to(&mut self, to_m: f64) -> Result<(), Ended> {
         let from_m = self.position_m();
         #[expect(
@@ -348,7 +348,7 @@ impl<'a> World<'a> {
     /// Runs everything up to `cycle`, or a few cycles longer, since instructions are not split.
     ///
     /// # Errors
-    /// As [`sample`](Self::sample).
+    /// The errors of [`sample`](Self::sample).
     pub fn run_to(&mut self, cycle: u64) -> Result<(), Ended> {
         while self.step_end() <= cycle {
             self.step()?;
@@ -368,7 +368,7 @@ impl<'a> World<'a> {
         self.moved_to + self.powered.board.cycles_per_sample() / self.steps
     }
 
-    /// Moves the plant to cycle `to`. Returns whether that was the last step of a sample.
+    /// Moves the plant to cycle `to`. Returns whether a sample's last step has ended.
     fn follow(&mut self, to: u64) -> bool {
         let from = self.moved_to;
         self.powered.mcu.settle_to(to);
@@ -482,7 +482,7 @@ impl<'a> World<'a> {
     /// Runs `samples` samples, and reads the probe's channels every 5 ms.
     ///
     /// # Errors
-    /// As [`sample`](Self::sample).
+    /// The errors of [`sample`](Self::sample).
     pub fn run(&mut self, samples: u64) -> Result<(), Ended> {
         for n in 0..samples {
             self.sample()?;

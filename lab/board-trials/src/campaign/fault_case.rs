@@ -116,7 +116,7 @@ const HANDLER_US: f64 = 2.0;
 /// Limit for the supply detector's interrupt. The interrupt waits until a running `render` has ended, and while the
 /// logger masks interrupts.
 pub const BROWN_OUT_US: f64 = 60.0;
-/// Limit for the watchdog: its timeout at the nominal clock, plus the output period in which it was last fed.
+/// Limit for the watchdog: its timeout at the nominal clock, plus the output period in which the watchdog was last fed.
 pub const WATCHDOG_US: f64 = 51_000.0;
 
 /// Limit for a fault that stops the processor: the timeout of the output watchdog (contract.rs), plus one sample.

@@ -1,5 +1,5 @@
-//! Flips single bits of the program in flash, with the force on and the handle in contact. Reports what finds each
-//! flip, and the force until then.
+//! Flips single bits of the program in flash, with the force on and the handle in contact. Reports which check finds
+//! the flip, and the force until then.
 
 use host_sim::error::Error;
 use seal::SEAL;

@@ -29,7 +29,7 @@ pub fn memory_rows() -> Vec<Row> {
     ]
 }
 
-/// The index that a search has found, as `u32`. Without an index, an error with the text `nothing`.
+/// The index that a search has found, as `u32`. If no index was found, an error with the text `nothing`.
 fn found(place: Option<usize>, nothing: &str) -> Result<u32, Failed> {
     let place = place.and_then(|place| u32::try_from(place).ok());
     place.ok_or_else(|| Failed::Refused(nothing.into()))
@@ -84,8 +84,8 @@ fn push(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Flips a bit of the word for the phase of a hit: return move or push. The push would then stop, and the hit would
-/// never end. The word is stored just before the hit's plan. Its value is 2 during the push, and 0 or 1 before the
+/// Flips a bit of the word for the phase of a hit: return move or push. With the flipped bit the push stops, and the
+/// hit never ends. The word is stored just before the hit's plan. Its value is 2 during the push, and 0 or 1 before the
 /// push.
 fn phase(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let pushes = words_of(elf, world, RENDER_STATE)?.1;

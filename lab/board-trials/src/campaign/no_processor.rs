@@ -165,7 +165,7 @@ fn pend(world: &mut World<'_>, exception: u16) -> Result<(), Failed> {
 }
 
 /// Address of the word in which `sample` stores the number of the next due sample. Several words grow by 10 every 10
-/// samples. The word with the largest value is this one.
+/// samples. The largest of their values is the number of the next due sample.
 fn next_due(elf: &Elf, world: &mut World<'_>) -> Result<u32, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let mut seen = Vec::new();

@@ -17,7 +17,7 @@ use super::{
 /// Limit for an encoder whose count does not change, s: the time of the check for a push without motion, and one
 /// output.
 const STUCK_S: f64 = 0.0525;
-/// Limit for a count that moves too little, s: the rest of a span of 50 ms, and the next span.
+/// Limit for a count that moves too little, s: the rest of the present span of 50 ms, and the next span.
 const SHORT_OF_S: f64 = 0.1025;
 /// Limit for a measured current that is wrong by a third of full scale, s. The limit includes the 13 ms over which the
 /// board takes the mean of the current.

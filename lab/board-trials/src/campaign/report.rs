@@ -182,7 +182,8 @@ impl<K: Ord> Tally<K> {
 /// Runs the campaign.
 ///
 /// # Errors
-/// Bad input, Ctrl-C, or a fault that breaks its limits: it is late, unnoticed, or lets the handle gain speed.
+/// Bad input, Ctrl-C, or a fault outside its limits: a fault that is found late or never, or that lets the handle gain
+/// speed.
 pub fn execute(options: &Campaign) -> Result<(), Error> {
     let begun = Instant::now();
     let boards = match &options.board {

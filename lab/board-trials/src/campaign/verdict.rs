@@ -108,7 +108,7 @@ pub struct Measure<'a> {
     /// Time limit until off, s. The time of a named fault counts from the fault. The time of a flip counts only while
     /// the force is wrong or old.
     pub allowed_s: f64,
-    /// Whether the force counts as wrong from the fault on, even while it is still right.
+    /// Whether the force is treated as wrong from the fault on, even while it is still right.
     pub from_fault: bool,
     /// Whether no hand holds the handle.
     pub free: bool,
@@ -198,7 +198,7 @@ impl Measure<'_> {
                 None => {}
                 Some(_) if enabled => {
                     watched.listen(world, from_memory);
-                    // No fault code yet: only an output was missing, and the force may come back.
+                    // There is no fault code yet. So only an output was missing, and the force may come back.
                     if watched.code.is_none() {
                         (watched.off_at, after) = (None, 0);
                     } else {

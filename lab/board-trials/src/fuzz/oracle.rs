@@ -233,7 +233,7 @@ impl Oracle {
         Ok(Some(program))
     }
 
-    /// Runs the image's tasks in the library, as far as their inputs are known.
+    /// Runs the image's tasks in the library, as far as the inputs of the tasks are known.
     fn run(&mut self, program: &mut CoreProgram, size: u32) -> Result<(), String> {
         while let Some(entry) = self.entries.front() {
             if entry.exception != LINK {
@@ -253,7 +253,7 @@ impl Oracle {
         Ok(())
     }
 
-    /// Runs the next task if it is not `link`. Returns whether its inputs are known.
+    /// Runs the next task if it is not `link`. Returns whether the inputs of the task are known.
     fn preempt(&mut self, program: &mut CoreProgram) -> Result<bool, String> {
         match self.entries.front().map(|entry| entry.exception) {
             Some(SAMPLE) => {
@@ -337,7 +337,8 @@ impl Oracle {
         Ok(())
     }
 
-    /// Compares the hardware's output code from zero, and enable, with the library's. No task may be running.
+    /// Compares enable and output code of the hardware with the library's. Codes are counted from zero force. No task
+    /// may be running.
     ///
     /// # Errors
     /// The outputs differ.

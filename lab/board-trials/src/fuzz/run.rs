@@ -162,7 +162,7 @@ impl<'a> Run<'a> {
     /// Ends a session: waits for all replies and compares everything.
     ///
     /// # Errors
-    /// As [`act`](Self::act).
+    /// The errors of [`act`](Self::act).
     pub fn finish(&mut self) -> Result<(), End> {
         self.answered()?;
         self.pass(100)?;

@@ -29,7 +29,7 @@ struct Failing {
     what: String,
 }
 
-/// Runs `actions` from the last state of `before`. Returns whether they fail in the same way.
+/// Runs `actions` from the last state of `before`. Returns whether the actions fail in the same way.
 fn fails(
     run: &mut Run<'_>,
     mut before: Vec<Before>,

@@ -126,11 +126,11 @@ impl Method {
 pub struct PlantMeasured {
     /// Largest distance from the reference's position, m.
     pub trajectory_m: f64,
-    /// Verdicts that differ from the reference's.
+    /// Number of verdicts that differ from the verdicts of the reference.
     pub verdicts_wrong: usize,
     /// Mean area, N^2 s/m^2.
     pub area: f64,
-    /// Relative difference of the area from the reference's.
+    /// Relative difference of the area from the area of the reference.
     pub area_change: f64,
     /// Tried steps per sample; one for the exact step.
     pub steps_per_sample: f64,
@@ -163,7 +163,7 @@ pub struct Plants {
     pub area_chaotic: f64,
 }
 
-/// The scene's estimator. If the estimator has a cutoff, it is the middle cutoff of the scene's sweep.
+/// The scene's estimator. If the estimator has a cutoff, the middle cutoff of the scene's sweep is used.
 pub fn filter(scene: &Scene) -> VelocitySettings {
     let cutoffs = &scene.sweep.cutoffs_hz;
     scene.velocity.at(cutoffs[cutoffs.len() / 2])

@@ -26,7 +26,7 @@ pub struct Replayed {
 }
 
 impl Recorded {
-    /// Runs a whole hit with the core and records it.
+    /// Runs a whole hit with the core and records this hit.
     pub fn new(prepared: &PreparedScene, hit: &WallHit) -> Result<Self, HitError> {
         let samples = (prepared.plan().settle + prepared.plan().window) as usize;
         #[expect(

@@ -41,7 +41,7 @@ const MONITOR: &str = "monitor halt, monitor reset, monitor watchdog stop|run";
 
 pub(super) struct Debugged<'a, 'b> {
     pub(super) world: &'a mut World<'b>,
-    /// The halt, its start in real time, and how many cycles of it have been simulated.
+    /// The halt, its start in real time, and the number of its cycles that have been simulated.
     halt: Option<(Halted, Instant, u64)>,
     stops: Stops,
     /// The breakpoints that gdb calls "hardware".

@@ -154,7 +154,8 @@ impl Channels {
 }
 
 impl Up {
-    /// Takes the bytes in a channel's buffer. Returns their number; `None` if another reader has taken some.
+    /// Takes the bytes in a channel's buffer. Returns the number of bytes; `None` if another reader has taken some
+    /// bytes.
     fn take(&mut self, core: &mut impl Core, mut ring: Ring) -> Result<Option<usize>, String> {
         if ring.read == self.released {
             // The write of the read offset had failed. The bytes before `next` are not read again.
