@@ -18,7 +18,7 @@ pub enum FromPage {
     EmergencyStop { open: bool },
     /// The page asks for control of the board.
     Ask {},
-    /// The owner gives control to the page that has asked for it.
+    /// The owner gives control to the page that has asked for control.
     Give {},
     /// Rows to plot: their time span, the largest number of bins, and whether the view stops at the present time.
     View { span_s: f64, columns: u64, paused: bool },

@@ -51,7 +51,7 @@ impl Seats {
         waits
     }
 
-    /// Passes control from the owner to the page that has asked for it. Returns whether the owner has changed.
+    /// Passes control from the owner to the page that has asked for control. Returns whether the owner has changed.
     pub fn give(&mut self, page: u64) -> bool {
         let gives = self.owns(page) && self.asking.is_some();
         if gives {
@@ -107,7 +107,8 @@ mod tests {
         assert!(seats.owns(first));
         assert!(seats.give(first));
         assert!(seats.owns(second) && !seats.owns(first));
-        // The closed page passes control to the page that has asked for it. Without such a page, there is no owner.
+        // The closed page passes control to the page that has asked for control. If no page has asked, there is no
+        // owner.
         assert!(seats.ask(first));
         assert!(seats.leave(second));
         assert!(seats.owns(first));

@@ -49,7 +49,7 @@ pub fn latest(
             count = Some(to);
             edges.next();
         }
-        // If the handle crosses the last edge again before the reading, the new crossing replaces the old one.
+        // If the handle crosses the last edge again before the reading, the new crossing replaces the old crossing.
         let lost = edges.peek().zip(count).is_some_and(|(&&(at, to), count)| {
             let back = (to > count) ^ turned != new.is_some_and(|(_, up)| up);
             let read_at = captured_at[usize::from((count + 1) >> 1 & 1 == (to + 1) >> 1 & 1)];

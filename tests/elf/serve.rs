@@ -39,7 +39,7 @@ fn until(link: &mut RttTcp, channel: usize, text: &mut Vec<u8>, wanted: &str) {
 }
 
 /// Commands get their replies, and the log repeats the replies. Every byte of the telemetry belongs to a frame. The
-/// board runs in real time. A second client waits until the first one has disconnected.
+/// board runs in real time. A second client waits until the first client has disconnected.
 #[test]
 fn three_ports_are_a_board() {
     let server = server();

@@ -353,7 +353,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept(board: Board
     ok(&mut world, "encoder -");
     assert!(ok(&mut world, "status").contains("not zeroed"));
     assert!(world.ask("arm").unwrap().contains("zero first"));
-    // The count now falls where it rose before.
+    // The count now falls in the direction in which it rose before.
     let position = |world: &mut World<'_>| -> i32 {
         let status = ok(world, "status");
         let word = status.split("position ").nth(1).unwrap().split(' ').next().unwrap();

@@ -105,7 +105,7 @@ fn taylor(scene: &Scene, [x, v]: [f64; 2], force_n: f64, dt: f64) -> [f64; 2] {
     let accelerate = |x: f64, v: f64, force_n: f64| {
         (force_n - device.damping_n_s_per_m * v - device.stiffness_n_per_m * x) / device.mass_kg
     };
-    // Each derivative of (x, v) gives the next one. The force is constant, so the force enters only once.
+    // Each derivative of (x, v) gives the next derivative. The force is constant, so the force enters only once.
     let (mut dx, mut dv) = (v, accelerate(x, v, force_n));
     let (mut sum, mut term) = ([x, v], dt);
     for n in 2..22 {

@@ -222,7 +222,7 @@ fn at_constant_speed_the_sum_of_the_output_follows_the_sum_of_the_input_for_ever
     let mut worst = 0f64;
     for cutoff_hz in cutoffs().step_by(3).map(|cutoff| cutoff * rate_hz) {
         let control = control(cutoff_hz, rate_hz);
-        // Speeds in counts per sample: fractions, a slow speed, and speeds up to the last one below the limit.
+        // Speeds in counts per sample: fractions, a slow speed, and speeds up to the last speed below the limit.
         for (counts, samples) in [(3, 10), (-1, 3), (1, 1000), (100, 7), (32_766, 1), (-65_531, 2)]
         {
             let mut sampler = Sampler::new(0, CounterWidth::Bits32);

@@ -384,8 +384,8 @@ fn swings(control: &LoopParameters) -> [f64; 2] {
 /// A new estimator during a motion starts as if the handle had always moved at the old estimator's last velocity. So
 /// the error of the new estimator has three parts. The first part is the error that the new estimator would have if it
 /// had always run. The second part is the response to two differences: the error of the old estimator, and the error of
-/// the new one. This response fades, and swings as after a step of speed. The third part comes from the acceleration,
-/// which the new estimator does not know yet. The change adds no further error.
+/// the new estimator. This response fades, and swings as after a step of speed. The third part comes from the
+/// acceleration, which the new estimator does not know yet. The change adds no further error.
 #[test]
 fn an_exchanged_estimator_is_as_good_as_one_that_has_always_run() {
     const WARM_UP: u32 = 40_000;

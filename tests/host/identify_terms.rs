@@ -103,7 +103,7 @@ impl Truth {
         Options {
             latency_s: LATENCY as f64 / RATE_HZ,
             spring,
-            // The rest position is given only if an offset must be distinguished from it.
+            // The rest position is given only if an offset must be distinguished from a rest position.
             rest_position_m: spring.then_some(self.device.rest_position_m),
             ..Options::of_scene(&scene, Gain::Given(GAIN_N_PER_V))
         }

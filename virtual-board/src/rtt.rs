@@ -201,7 +201,7 @@ impl Ring {
     /// The memory could not be reached.
     pub fn fill<M: Memory>(&self, memory: &mut M, bytes: &[u8]) -> Result<(usize, u32), M::Error> {
         let Self { buffer, size, write, read, .. } = *self;
-        // One byte stays free, since a full buffer must differ from an empty one.
+        // One byte stays free, since a full buffer must differ from an empty buffer.
         let room = if read < size { (read + size - write - 1) % size } else { size - 1 };
         let bytes = &bytes[..bytes.len().min(room as usize)];
         let (first, second) = bytes.split_at(bytes.len().min((size - write) as usize));

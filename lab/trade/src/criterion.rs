@@ -63,7 +63,7 @@ pub const CUTOFF: f64 = 0.01;
 /// Largest allowed bias, noise or limit cycle, as a share of the encoder's RMS. Noise of this size adds 0.5 % to the
 /// RMS. One LSB of the core's velocity is always allowed, because the wall gets no more digits.
 pub const NOISE: f64 = 0.1;
-/// Largest allowed change of the area. The spread of the area with the exact filter is added to it.
+/// Largest allowed change of the area. The spread of the area with the exact filter is added to this limit.
 pub const AREA: f64 = 0.02;
 
 const LSB: f64 = 1.0 / LSB_PER_COUNT;

@@ -142,7 +142,7 @@ fn the_promise_is_kept_while_somebody_is_there_and_no_longer() {
     assert!(hub.now() > end, "while somebody is there");
     let words = count(&board, "alive 200");
     board.shows(1, Flags::default());
-    // Otherwise the next user would have to send `alive` after `arm`.
+    // Without `alive 0`, the next user would have to send `alive` after `arm`.
     until("the end of the promise", || count(&board, "alive 0") == 1);
     assert_eq!(count(&board, "alive 200"), words);
     hub.end();

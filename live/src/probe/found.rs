@@ -59,7 +59,7 @@ fn listed(all: &[DebugProbeInfo]) -> String {
     all.iter().map(each).collect::<Vec<_>>().join(", ")
 }
 
-/// Opens the probe for this process alone. This does not affect the board.
+/// Opens the probe for this process alone. The board is not affected.
 ///
 /// # Errors
 /// Another program uses the probe, the probe does not support SWD at that speed, or the probe is disconnected. The

@@ -49,7 +49,7 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
     let unread = |world: &mut World<'_>, line: &str| {
         world.send(&format!("{line}\n")).unwrap();
         // The wait is longer than the board's pause between two lines. So each line is obeyed or ignored before the
-        // next one.
+        // next line.
         for _ in 0..40 {
             world.sample().unwrap();
         }

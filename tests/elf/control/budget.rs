@@ -92,7 +92,7 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     let recover = |world: &mut World<'_>| arm_after(world, &["clear"]);
     // Both boards have the same code at the same phase of the period.
     for phase in (0..10).step_by(if board == NUCLEO_F446RE { 1 } else { 3 }) {
-        // A jump of the count is found in one sample and cleared in the next one.
+        // A jump of the count is found in one sample and cleared in the next sample.
         world.run(phase).unwrap();
         world.hold(world.position_m() + 700e-6, true);
         world.run(30).unwrap();

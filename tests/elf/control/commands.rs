@@ -108,7 +108,7 @@ fn every_command_works_in_any_order_with_garbage_between() {
     for n in 0..LINES {
         let line = match random.below(12) {
             0 => garbage(&mut random),
-            // Goes through all usages, so that each one is tested.
+            // Goes through all usages, so that each usage is tested.
             _ => command(&mut random, all[n * STEP % all.len()]),
         };
         let answer = reply(&mut world, &line);

@@ -22,7 +22,7 @@ each_board!(
 /// Current signal as a fraction of the supply, without current and at full command.
 const SENSE: [Option<f64>; 2] = [Some(0.5), Some(0.2)];
 
-/// The image for a device with this current signal, or without one.
+/// The image for a device with this current signal, or without a current signal.
 fn saying(board: Board, [current_sense_rest, current_sense_full]: [Option<f64>; 2]) -> Firmware {
     let mut named = NamedScene::load(board.name).unwrap();
     named.name = "sensing".into();

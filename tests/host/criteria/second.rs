@@ -22,7 +22,7 @@ fn of(matrix: &Matrix, state: &State) -> State {
 }
 
 /// The matrix exponential by its series. The time is halved until the series converges fast. Then the result is squared
-/// as often.
+/// once for each halving.
 fn exponential(rates: &Matrix, time_s: f64) -> Matrix {
     let halvings = 12;
     let small = time_s / f64::from(1 << halvings);

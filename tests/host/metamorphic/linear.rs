@@ -91,7 +91,7 @@ fn plant(of: &Loop) -> Matrix {
     let (mut stretches, mut next) = (vec![0], speed(masses.len()));
     for (body, to_ground, k, b) in links {
         let before = (!to_ground).then(|| body - 1);
-        // If springs connect all bodies from the handle to this one, the sum of the stretches is the position of this
+        // If springs connect all bodies from the handle to this body, the sum of the stretches is the position of this
         // body.
         let stretch = if to_ground && stretches.len() == body + 1 {
             stretches.clone()

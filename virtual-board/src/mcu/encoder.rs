@@ -95,7 +95,7 @@ impl EncoderInput {
         }
     }
 
-    /// Moves A and B to `count`, one edge every `spacing` cycles, the first one at `from`.
+    /// Moves A and B to `count`, one edge every `spacing` cycles, the first edge at `from`.
     pub(super) fn go_to(&self, count: i32, from: u64, spacing: u64) {
         let mut edges = lock(&self.state);
         let mut at = from;
@@ -283,12 +283,12 @@ impl Mcu {
         self.soc.encoder.readings()
     }
 
-    /// Returns the same list as [`counter_readings`](Self::counter_readings), and clears it.
+    /// Returns the same list as [`counter_readings`](Self::counter_readings), and clears this list.
     pub fn take_counter_readings(&mut self) -> Vec<u32> {
         self.soc.encoder.take_readings()
     }
 
-    /// Moves A and B to `count`: one edge every `spacing` cycles, the first one at `from`. Edges are delivered in the
+    /// Moves A and B to `count`: one edge every `spacing` cycles, the first edge at `from`. Edges are delivered in the
     /// order of the calls.
     pub fn encoder_to(&mut self, count: i32, from: u64, spacing: u64) {
         self.soc.encoder.go_to(count, from, spacing);

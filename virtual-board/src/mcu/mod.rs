@@ -153,7 +153,7 @@ pub struct Mcu {
     hard_faults: Vec<u32>,
     /// Words that DMA2 has stored.
     stored_by_dma: u64,
-    /// Whether the run goes on after a lock-up, until the watchdog resets the core.
+    /// Whether the run continues after a lock-up, until the watchdog resets the core.
     outlives: bool,
     watch: Watch,
     outside: Outside,

@@ -115,7 +115,8 @@ fn booted(world: &mut World<'_>) -> Result<Booted, Failed> {
     Ok(Booted { loaded, stiffness, status })
 }
 
-/// Flips all bits of each byte of the newest record. This is done with an older record in flash, and without one.
+/// Flips all bits of each byte of the newest record. The flips are done with an older record in flash, and without an
+/// older record.
 ///
 /// # Errors
 /// The board uses settings that are neither the older ones nor the defaults, or the board does not report the damage.

@@ -1,4 +1,4 @@
-//! Runs most instructions without the emulator, whose step takes some ten times as long.
+//! Runs most instructions without the emulator. A step of the emulator takes some ten times as long.
 //!
 //! This module runs instructions that access only the core's registers, flash and RAM. The emulator's own decoder
 //! decodes each instruction once. An instruction takes as many cycles here as in the emulator. [`Mcu::may_run`] checks
