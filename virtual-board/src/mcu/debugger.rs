@@ -77,7 +77,7 @@ const SP: usize = 13;
 const SPSEL: u32 = 1 << 1;
 
 impl Mcu {
-    /// Halts the core for `cycles`, as a debugger does. Blocks whose DBGMCU bits are set stop. If TIM1 stops, its
+    /// Halts the core for `cycles`, as a debugger does. A block stops if its DBGMCU bit is set. If TIM1 stops, its
     /// outputs are off during the halt. `moe` says what happens to the main output enable after the halt.
     pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
         let halt = self.begin_halt();

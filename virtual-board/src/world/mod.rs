@@ -173,7 +173,7 @@ impl<'a> World<'a> {
             return Err("[jitter]: a board samples when it samples; leave it out".to_owned());
         }
         let hit = &scene.wall_hit;
-        // A board knows only its counts. So the criterion can use only the counts.
+        // A board measures the motion only in counts. So the criterion can use only counts of the motion.
         let judged = match hit.criterion {
             Criterion::Rms => hit.rms_of() == RmsOf::Counts,
             Criterion::Quiet => true,
