@@ -273,8 +273,9 @@ fn stated_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => 0.5,
         VelocitySettings::LevantExplicit { .. } => 2.0,
-        // The steps of the counts are accelerations above a small C, which the differentiator cannot follow exactly.
-        // Each time the differentiator reaches the counts again, a difference becomes larger.
+        // With a small C, the steps of the counts are accelerations above C. The differentiator cannot follow these
+        // accelerations exactly. Each time the differentiator reaches the counts again, a difference from the twin
+        // becomes larger.
         VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. }
             if c(*acceleration_max_m_per_s2) < 0.2 =>
         {
