@@ -1,9 +1,9 @@
-//! Throughput of the lanes on one core, for each backend of this machine. A plain scalar `f64` loop with the same
-//! equations is measured beside them. The rounds of all backends are interleaved. Only the best round of a backend
+//! Throughput of the lanes on one core, for each backend of this machine. The benchmark also measures a plain scalar
+//! `f64` loop with the same equations. The rounds of all backends are interleaved. Only the best round of a backend
 //! counts, because other work on the machine can only slow a round down.
 //!
-//! `cargo bench -p host-sim-bench --bench batch -- --figure STEM` writes STEM.csv and STEM.png instead: time and memory
-//! against the number of hits and of samples.
+//! `cargo bench -p host-sim-bench --bench batch -- --figure STEM` measures something else: time and memory, against the
+//! number of hits and of samples. This command writes STEM.csv and STEM.png.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -78,7 +78,7 @@ fn plain_throughput() -> f64 {
     8.0 * SAMPLES as f64 / began.elapsed().as_secs_f64()
 }
 
-/// The largest value. It comes from the round with the least disturbance by other work on the machine.
+/// The largest value: the value of the round with the least disturbance by other work on the machine.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }

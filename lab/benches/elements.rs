@@ -1,5 +1,5 @@
-//! Cost of each optional element: a wall hit with this element alone, beside the hit of the plain scene. Throughput in
-//! samples.
+//! Cost of each optional element. A wall hit with only this element is compared with a hit of the plain scene. The
+//! throughput counts samples.
 #![allow(clippy::unwrap_used, reason = "a benchmark fails loudly")]
 
 use std::hint::black_box;

@@ -1,6 +1,6 @@
-//! Throughput of every estimator with lanes, on one core and for each backend of this machine. A plain scalar `f64`
-//! loop with the same equations is measured beside them. The result is docs/data/batch-estimators.csv. The rounds of
-//! all backends are interleaved. Only the best round of a backend counts, because other work on the machine can only
+//! Throughput of every estimator with lanes, on one core and for each backend of this machine. The benchmark also
+//! measures a plain scalar `f64` loop with the same equations. The result is docs/data/batch-estimators.csv. The rounds
+//! of all backends are interleaved. Only the best round of a backend counts, because other work on the machine can only
 //! slow a round down.
 //!
 //! With `-- --core`, only the scalar loop is measured, for all estimators.
@@ -80,7 +80,7 @@ fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f6
     f64::from(runs) * SAMPLES as f64 / began.elapsed().as_secs_f64() / 1e6
 }
 
-/// The largest rate. It comes from the run with the least disturbance.
+/// The largest rate: the rate of the run with the least disturbance.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }
@@ -110,7 +110,7 @@ fn main() {
         let sensor = (name.sense() == Some(Sense::Acceleration)).then_some(ACCELEROMETER);
         let scene = Scene { velocity: settings.into(), accelerometer: sensor, ..scene.clone() };
         let Ok(prepared) = PreparedScene::new(&scene) else {
-            continue; // the scene does not have the necessary sense
+            continue; // the scene lacks a signal that the estimator needs
         };
         if !scalar && !host_sim::engine::lanes_for(&prepared, Numeric::Fixed) {
             continue;

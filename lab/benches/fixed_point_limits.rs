@@ -1,7 +1,7 @@
 //! Limits of fixed point, over encoder resolution and cutoff. The first result is the number of verdicts in which the
-//! core differs from its exact `f64` twin. The second is the same number for a twin that rounds only the velocity, to
-//! the core's LSB. Walls at the boundary are chaotic. So no arithmetic with this velocity format can have a smaller
-//! number than the second one.
+//! core differs from its exact `f64` twin. The second result is this number for a twin that rounds only the velocity,
+//! to the core's LSB. Walls at the boundary are chaotic. So the second number is a lower limit for any arithmetic with
+//! this velocity format.
 //!
 //! `cargo run --release -p host-sim-bench --bin fixed_point_limits` writes
 //! `docs/figures/fixed-point-limits.{csv,png}`.

@@ -49,7 +49,7 @@ impl Filter for Sum {
     }
 }
 
-/// The tracking loop. It also serves for smoothing.
+/// The tracking loop. The estimator `smoothing` uses the same loop.
 struct Tracking {
     gains: TrackingLoop,
     error: f64,
@@ -197,7 +197,7 @@ pub const ACCELEROMETER: Accelerometer = Accelerometer {
     bandwidth_hz: Some(1600.0),
 };
 
-/// Noise of the accelerometer over a hit, with RMS 1. Computed once, as for the lanes.
+/// Noise of the accelerometer over a hit, with RMS 1. The noise is computed once, as for the lanes.
 static NOISE: LazyLock<Vec<f64>> =
     LazyLock::new(|| (0..SAMPLES).map(|n| 2f64.sqrt() * (n as f64 * n as f64).sin()).collect());
 

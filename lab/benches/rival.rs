@@ -1,10 +1,10 @@
-//! Processor time of `cargo sim sweep --repeat 1 --plain` of both paper scenes, with figures and envelope. It is
-//! compared with a C program that walks the same boundaries hit by hit (`rival/rival.c`). First the benchmark checks
-//! that both programs find the same boundaries in `f64`.
+//! Processor time of `cargo sim sweep --repeat 1 --plain` of both paper scenes, with figures and envelope. The
+//! benchmark compares this time with the time of a C program (`rival/rival.c`), which walks the same boundaries hit by
+//! hit. Before the measurement, the benchmark checks that both programs find the same boundaries in `f64`.
 //!
-//! The sweep without `--plain` is measured too. It also walks to a limit of 1 um, by motor and by hand. The rounds of
-//! all programs are interleaved. Only the best round of a program counts. The benchmark needs a C compiler named `cc`.
-//! The result is docs/data/batch-rival.csv.
+//! The benchmark also measures the sweep without `--plain`. This sweep also has walks with a limit of 1 um, by motor
+//! and by hand. The rounds of all programs are interleaved. Only the best round of a program counts. The benchmark
+//! needs a C compiler named `cc`. The result is docs/data/batch-rival.csv.
 #![allow(clippy::unwrap_used, reason = "a benchmark fails loudly")]
 
 use std::{

@@ -1,6 +1,6 @@
 //! Cost of one sample of the loop: the fixed-point core, its `f64` twin in the simulator, and a plain scalar `f64` loop
-//! with the same equations. The plain loop uses no part of the simulator. Each of them runs whole wall hits. Throughput
-//! in samples.
+//! with the same equations. The plain loop uses no part of the simulator. Core, twin and plain loop run whole wall
+//! hits. The throughput counts samples.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,

@@ -45,7 +45,7 @@ impl Bin {
     }
 }
 
-/// The rows by number. A row's number is its sample divided by [`step`](Self::step).
+/// The rows by number. The number of a row is the number of its sample, divided by [`step`](Self::step).
 #[derive(Debug)]
 pub struct History {
     /// Samples from one row to the next.
@@ -79,8 +79,8 @@ impl History {
         [self.begin, self.end]
     }
 
-    /// Adds the row of a sample. Missing rows before it become gaps. If the sample number is smaller than the last one,
-    /// the board was reset, and the history is cleared.
+    /// Adds the row of a sample. Missing rows before this row become gaps. If the sample number is smaller than the
+    /// previous number, the board was reset, and the history is cleared.
     pub fn push(&mut self, sample: u64, row: &Row) {
         let number = sample / self.step;
         if number < self.end || number - self.end > KEPT as u64 {
@@ -110,7 +110,7 @@ impl History {
         self.begin = self.begin.max(self.end.saturating_sub((KEPT - LEVELS[3]) as u64));
     }
 
-    /// Bins of `stride` rows from `first` on. `stride` is a power of two, and `first` is a multiple of it.
+    /// Bins of `stride` rows from `first` on. `stride` is a power of two, and `first` is a multiple of `stride`.
     pub fn bins(&self, first: u64, stride: u64, count: usize) -> Vec<Bin> {
         let level = LEVELS.iter().rposition(|&rows| rows as u64 <= stride).unwrap_or(0);
         let rows = LEVELS[level] as u64;

@@ -1,6 +1,6 @@
 //! The communication with a board. A [`Talk`] sends commands over a [`Link`], one at a time, and the [`Hub`] stores
-//! what the board sends. A server runs the [`Talk`] in its own thread. In a page without threads the caller runs it
-//! together with the board.
+//! what the board sends. A server runs the [`Talk`] in its own thread. In a page without threads, the caller runs the
+//! [`Talk`] together with the board.
 
 use std::{
     collections::VecDeque,
@@ -45,7 +45,7 @@ const WAITING: usize = 64;
 const NO_COMMAND: &[u8] = b"?\n";
 /// A command with an unknown estimator, and the beginning of its error reply. The reply lists the image's estimators.
 const ESTIMATORS: [&str; 2] = ["estimator ?", "error: unknown estimator, allowed "];
-/// The first commands to a board. They are repeated after a reset of the board.
+/// The first commands to a board. These commands are repeated after a reset of the board.
 const GREETING: [&str; 4] = ["version", ESTIMATORS[0], "get", "status"];
 /// A person's finger: a light grip, and the finger's largest force.
 const FINGER: Finger =
@@ -121,7 +121,8 @@ impl Hub {
         let talk = Talk {
             hub: Arc::clone(&hub),
             link,
-            // The memory of the table is never freed: the decoder borrows it, and each program has only one.
+            // The memory of the table is never freed, because the decoder borrows the table. Each program has only one
+            // table.
             log: elf
                 .and_then(|elf| log::table(elf).ok())
                 .map(|table| log::Decoder::new(Box::leak(Box::new(table)))),
@@ -220,8 +221,8 @@ impl Hub {
         self.board.as_ref().map(|board| board.seen())
     }
 
-    /// Offset from the board's positions to the scene's. It is rounded to 1 mm, because the handle moves between the
-    /// two readings.
+    /// Offset from the board's positions to the scene's. The offset is rounded to 1 mm, because the handle moves
+    /// between the two readings.
     fn offset_m(&self, resolution_m: f64) -> f64 {
         let record = self.known().record;
         let (Some(seen), Some(record)) = (self.seen(), record) else { return 0.0 };
@@ -242,8 +243,8 @@ impl Hub {
 /// The last command, whose reply has not come.
 struct Pending {
     line: String,
-    /// Beginning of the reply; `None` if any reply counts. Only questions of this program have it. So a reply to an
-    /// earlier command is not taken for theirs.
+    /// Beginning of the expected reply; `None` if any reply is accepted. Only questions of this program have a
+    /// beginning. So the reply to an earlier command is not mistaken for the reply to a question.
     begins: Option<String>,
     /// Whether the reply is shown to a person.
     loud: bool,
@@ -275,7 +276,8 @@ pub struct Talk {
     pending: Option<Pending>,
     /// Bytes for which the board had no room.
     unsent: Vec<u8>,
-    /// Whether the board has received an incomplete line. At first an earlier host may have sent it.
+    /// Whether the board may have received an incomplete line. This is true at the start, since an earlier host may
+    /// have sent an incomplete line.
     begun: bool,
     /// Bytes of an incomplete reply.
     replies: Vec<u8>,
@@ -302,8 +304,8 @@ impl Talk {
             thread::sleep(LOOK);
         }
         self.disarm();
-        // All bytes must be sent, and the board may have little room. If the board reads nothing, it switches off by
-        // itself when `alive` is missing.
+        // All bytes must be sent, and the board may have little room. A board that reads nothing switches off by itself
+        // when `alive` is missing.
         let end = Instant::now() + REPLY;
         while !self.unsent.is_empty() && Instant::now() < end {
             thread::sleep(LOOK);
@@ -409,7 +411,8 @@ impl Talk {
         }
     }
 
-    /// Handles a reset of the board. It has lost the last command, and its old state is not valid any more.
+    /// Handles a reset of the board. The board has lost the last command, and what is known of its state is no longer
+    /// valid.
     fn meet_again(&mut self) {
         self.give_up("the board was reset");
         self.hub.note("the board was reset");
@@ -503,7 +506,7 @@ impl Talk {
                 }
             }
             Some(_) => {}
-            // This is a reply to an earlier host's command.
+            // The line is a reply to an earlier host's command.
             None if is_answer
                 && self.pending.as_ref().is_some_and(|asked| asked.line == GREETING[0]) => {}
             None => known.say(From::Board, line, None),
@@ -511,7 +514,8 @@ impl Talk {
     }
 
     fn read_log(&mut self) {
-        // Only the bytes of the previous turn are decoded: the replies that came with them have been read by now.
+        // Only the bytes of the previous turn are decoded: the replies that came with these bytes have been read by
+        // now.
         let bytes = std::mem::take(&mut self.logged);
         self.link.read(LOG, &mut self.logged);
         let Some(log) = &mut self.log else { return };

@@ -155,8 +155,8 @@ fn execute(cli: Cli) -> Result<(), Error> {
     tape.map_or(Ok(()), Outputs::commit).and(served)
 }
 
-/// The record of a scene on that board, as `cargo sim prepare` makes it. It has no envelope if `prepare` refuses the
-/// scene. `None` for the board's own scene.
+/// The record of a scene on that board, as `cargo sim prepare` makes it. The record has no envelope if `prepare`
+/// refuses the scene. `None` for the board's own scene.
 fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
     if device::is_built_in(scene, board) {
         return Ok(None);

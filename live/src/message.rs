@@ -9,16 +9,16 @@ pub enum FromPage {
     /// A line for the console, from the owner only. `stopped`: the number of stops that the page knows. If there were
     /// more stops, the line is refused.
     Command { line: String, stopped: Option<u64> },
-    /// Switches the force off at once; from any page. The answer has the same `id`.
+    /// Switches the force off at once. Any page may send this message. The answer has the same `id`.
     Stop { id: u64 },
-    /// Target of the finger in the board's positions, m; `None` releases the handle. From the owner only, for a virtual
-    /// board.
+    /// Target of the finger in the board's positions, m; `None` releases the handle. Only the owner may send this
+    /// message, and only to a virtual board.
     Finger { target_m: Option<f64> },
-    /// Opens or closes the emergency stop. From the owner only, for a virtual board.
+    /// Opens or closes the emergency stop. Only the owner may send this message, and only to a virtual board.
     EmergencyStop { open: bool },
     /// The page asks for control of the board.
     Ask {},
-    /// The owner gives control to the page that has asked for it.
+    /// The owner gives control to the page that has asked for control.
     Give {},
     /// Rows to plot: their time span, the largest number of bins, and whether the view stops at the present time.
     View { span_s: f64, columns: u64, paused: bool },
@@ -37,10 +37,10 @@ pub struct Question {
 }
 
 impl FromPage {
-    /// Reads a message. Its key `type` names its kind.
+    /// Reads a message. The key `type` gives the kind of message.
     ///
     /// # Errors
-    /// The text is not a message, or a value is not allowed; one line of text.
+    /// The text is not a message, or a value is not allowed. The error is one line of text.
     pub fn read(text: &str) -> Result<Self, String> {
         // A tagged enum of serde is not used: it reads numbers as maps if any crate of the build enables serde_json's
         // arbitrary precision.

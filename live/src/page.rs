@@ -80,7 +80,8 @@ struct Looks {
     view: View,
     paused: bool,
     watch: Watch,
-    /// Number of the last line that the page has received. `stops` and `ticks` are counts.
+    /// Number of the last line that the page has received. `stops` and `ticks` are the numbers of stops and of ticks so
+    /// far.
     line: u64,
     stops: u64,
     ticks: u32,
@@ -130,7 +131,7 @@ impl Page {
         self.shared.seats().hear(self.id, self.shared.hub.now());
     }
 
-    /// Whether the page has not answered for so long that it counts as closed.
+    /// Whether the page has not answered for so long that it is treated as closed.
     pub fn is_gone(&self) -> bool {
         self.shared.seats().is_gone(self.id, self.shared.hub.now())
     }
@@ -139,7 +140,7 @@ impl Page {
     /// answer.
     ///
     /// # Errors
-    /// The message is not valid, not allowed for this page, or not possible now; text for the page.
+    /// The message is not valid, not allowed for this page, or not possible now. The error is a text for the page.
     pub fn take(&self, message: &str) -> Result<Option<Question>, String> {
         let refused = |line: Option<String>, why: &str| {
             json!({ "type": "refused", "line": line, "why": why }).to_string()

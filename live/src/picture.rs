@@ -19,7 +19,7 @@ use crate::{
     spectrum,
 };
 
-/// Rows for a spectrum. `PHASE_ROWS` are those for a phase plane.
+/// Number of rows for a spectrum. `PHASE_ROWS` is the number of rows for a phase plane.
 const SPECTRUM_ROWS: u16 = 8192;
 const PHASE_ROWS: u64 = 2048;
 const BANDS: u32 = 240;
@@ -92,8 +92,8 @@ pub fn curves(history: &History, scale: &Scale, view: &View) -> Vec<u8> {
     bytes
 }
 
-/// Amplitudes of velocity and force before `end`. The message has a head (2, number for velocity, number for force, 0),
-/// then pairs of frequency and amplitude.
+/// Amplitudes of velocity and force before `end`. The message has a head (2, number of pairs for velocity, number of
+/// pairs for force, 0), then pairs of frequency and amplitude.
 pub fn spectra(history: &History, scale: &Scale, end: Option<u64>) -> Option<Vec<u8>> {
     let end = end.unwrap_or(history.rows()[1]);
     let bins = history.bins(end.checked_sub(SPECTRUM_ROWS.into())?, 1, SPECTRUM_ROWS.into());

@@ -26,7 +26,7 @@ pub struct Predicted {
     pub points: Vec<[f64; 2]>,
     /// Area under the boundary, N^2 s/m^2.
     pub area: f64,
-    /// Boundary of the quiet walls, whatever the scene's criterion is; empty if the grid has no quiet wall.
+    /// Boundary of the quiet walls, with any criterion in the scene; empty if the grid has no quiet wall.
     pub quiet: Vec<[f64; 2]>,
     /// Area under the quiet boundary, N^2 s/m^2.
     pub quiet_area: f64,
@@ -100,7 +100,7 @@ fn envelope(device: &Device<'_>, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3
         .collect()
 }
 
-/// Delay and noise of the core's estimator for a motion that it gets as counts.
+/// Delay and noise of the core's estimator, for known motions in whole counts.
 fn quality(scene: &Scene, velocity: VelocitySettings) -> Option<(f64, f64)> {
     let (rate_hz, resolution_m) = (scene.control.rate_hz, scene.encoder.resolution_m);
     let wall = WallSettings {
@@ -152,8 +152,8 @@ mod tests {
     use super::*;
     use virtual_board::{board::NUCLEO_F446RE, device};
 
-    /// At low frequencies a second-order Butterworth lags by sqrt 2 / w, and the difference by half a sample. The
-    /// predicted boundary equals the simulator's walk.
+    /// At low frequencies a second-order Butterworth lags by sqrt 2 / w, and the finite difference lags by half a
+    /// sample. The predicted boundary equals the simulator's walk.
     #[test]
     fn delay_and_noise_are_the_filters() {
         let scene = NamedScene::load("nucleo-f446re").unwrap();

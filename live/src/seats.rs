@@ -3,9 +3,9 @@
 
 use std::time::Duration;
 
-/// After so long without an answer of the owner's page, the force goes off.
+/// Time without an answer of the owner's page after which the force is switched off.
 pub const ABSENT: Duration = Duration::from_secs(1);
-/// After so long without an answer, a page counts as closed and loses control, even if its socket is still open.
+/// Time without an answer after which a page is treated as closed and loses control, even if its socket is still open.
 pub const GONE: Duration = Duration::from_secs(2);
 
 #[derive(Debug, Default)]
@@ -19,7 +19,7 @@ pub struct Seats {
 }
 
 impl Seats {
-    /// Adds a page. It becomes the owner if there is no owner.
+    /// Adds a page. The page becomes the owner if there is no owner.
     pub fn enter(&mut self, now: Duration) -> u64 {
         self.last += 1;
         self.pages.push((self.last, now));
@@ -29,8 +29,8 @@ impl Seats {
         self.last
     }
 
-    /// Removes a page. Returns whether it was the owner. The page that has asked for control then becomes the owner. If
-    /// no page has asked, there is no owner.
+    /// Removes a page. Returns whether the page was the owner. If the owner is removed, the page that has asked for
+    /// control becomes the owner. If no page has asked, there is no owner.
     pub fn leave(&mut self, page: u64) -> bool {
         self.pages.retain(|(other, _)| *other != page);
         self.asking = self.asking.filter(|other| *other != page);
@@ -41,7 +41,7 @@ impl Seats {
         owned
     }
 
-    /// Notes that a page asks for control. Returns whether it must wait for the owner.
+    /// Notes that a page asks for control. Returns whether the page must wait for the owner.
     pub fn ask(&mut self, page: u64) -> bool {
         let waits = self.owner.is_some_and(|owner| owner != page);
         match waits {
@@ -51,7 +51,7 @@ impl Seats {
         waits
     }
 
-    /// Passes control from the owner to the page that has asked for it. Returns whether the owner has changed.
+    /// Passes control from the owner to the page that has asked for control. Returns whether the owner has changed.
     pub fn give(&mut self, page: u64) -> bool {
         let gives = self.owns(page) && self.asking.is_some();
         if gives {
@@ -73,14 +73,14 @@ impl Seats {
         self.pages.iter().find(|(other, _)| *other == page).map(|(_, heard)| *heard)
     }
 
-    /// Time until which the owner counts as present, so that the board may get `alive`; 0 without an owner.
+    /// Time until which the owner is treated as present, so that the board may get `alive`; 0 without an owner.
     pub fn attended_until(&self) -> Duration {
         self.owner
             .and_then(|owner| self.heard(owner))
             .map_or(Duration::ZERO, |heard| heard + ABSENT)
     }
 
-    /// Whether the page counts as closed, even if its socket is open.
+    /// Whether the page is treated as closed, even if its socket is open.
     pub fn is_gone(&self, page: u64, now: Duration) -> bool {
         self.heard(page).is_none_or(|heard| now.saturating_sub(heard) >= GONE)
     }
@@ -107,7 +107,8 @@ mod tests {
         assert!(seats.owns(first));
         assert!(seats.give(first));
         assert!(seats.owns(second) && !seats.owns(first));
-        // The closed page passes control to the page that has asked for it. Without such a page, there is no owner.
+        // The closed page passes control to the page that has asked for control. If no page has asked, there is no
+        // owner.
         assert!(seats.ask(first));
         assert!(seats.leave(second));
         assert!(seats.owns(first));

@@ -6,7 +6,7 @@ use crate::firmware::{Firmware, ok};
 
 each_board!(the_force_goes_in_time_when_the_host_falls_silent);
 
-/// `alive` every 150 ms keeps the force on. Without it the amplifier is switched off at the end of the time that
+/// `alive` every 150 ms keeps the force on. Without `alive` the amplifier is switched off at the end of the time that
 /// `alive` has set, or at most one output later. Tested at four phases between the command and the outputs.
 fn the_force_goes_in_time_when_the_host_falls_silent(board: Board) {
     let firmware = Firmware::of(board);
@@ -27,7 +27,7 @@ fn the_force_goes_in_time_when_the_host_falls_silent(board: Board) {
         world.run(100).unwrap();
         let off = world.powered.amplifier.changes().disabled_at.unwrap();
         let ms = (off - sent) as f64 / world.powered.mcu.core_hz() as f64 * 1e3;
-        // At most one output passes until the command is read, and one until it takes effect.
+        // The command is read at most one output later, and takes effect at most one further output later.
         assert!((49.0..=53.0).contains(&ms), "phase {phase}: off after {ms} ms");
         let faults = world.ask("faults").unwrap();
         assert!(faults.contains("34 (host silent)"), "{faults}");

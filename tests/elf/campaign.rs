@@ -1,4 +1,4 @@
-//! A short `cargo board campaign`. Its results do not depend on the number of threads.
+//! A short `cargo board campaign`. The results do not depend on the number of threads.
 
 use board_trials::campaign::{
     row::Row,

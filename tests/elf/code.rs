@@ -19,12 +19,12 @@ pub struct Code<'a> {
     functions: BTreeMap<u32, (u32, &'a str)>,
 }
 
-/// What a function calls or jumps to.
+/// The calls and jumps of a function.
 #[derive(Debug, Default)]
 pub struct Flow {
-    /// Functions that it calls or jumps to directly.
+    /// Functions that are called or jumped to directly.
     pub to: BTreeSet<u32>,
-    /// Whether it calls or jumps through a register.
+    /// Whether there is a call or jump through a register.
     pub indirect: bool,
 }
 
@@ -144,8 +144,8 @@ impl<'a> Code<'a> {
 }
 
 impl Instruction {
-    /// Whether the instruction branches through a register and is no return: `blx`, `bx`, a move to the program counter
-    /// or a load of it.
+    /// Whether the instruction branches through a register and is no return: `blx`, `bx`, a move to the program
+    /// counter, or a load of the program counter.
     pub fn is_indirect(self) -> bool {
         let register = (self.first >> 3) & 0xF;
         let branch = self.first & 0xFF00 == 0x4700 && register != 14;

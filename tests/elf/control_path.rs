@@ -165,8 +165,8 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
         println!("{name}: {} instructions", total(name));
         crate::figure::figure(&format!("elf/control_path/{name}"), total(name));
     }
-    // The code has no loop, so its length limits the number of instructions that run. DESIGN allows 150 cycles per
-    // sample for the core's part.
+    // The code has no loop, so the length of the code limits the number of instructions that run. The core's part may
+    // take at most 150 cycles per sample.
     assert!((80..=150).contains(&total("zwidth_sample")));
     // The guard, its record and its rare work are inlined and add to the core's part. tests/elf/control counts the
     // cycles of a sample.

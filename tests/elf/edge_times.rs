@@ -31,8 +31,8 @@ const NUCLEO: Board = NUCLEO_F446RE;
 /// Speed of one count per sample in the scene, m/s.
 const PER_SAMPLE_M_PER_S: f64 = 1e-6 * 1e4;
 const SPAN: u32 = 8;
-/// Number of simulated hits, and the distance of their starts, counts. A return move ends within 50 counts of the
-/// start.
+/// Number of simulated hits. `AWAY` is the distance between the first and the last start, counts. A return move ends
+/// within 50 counts of the start.
 const STARTS: u8 = 200;
 const AWAY: f64 = 100.0;
 
@@ -46,8 +46,8 @@ fn settings(velocity: VelocitySettings) -> Settings {
     Settings { velocity, wall }
 }
 
-/// A booted board with the estimator `time-stamps`, whose handle is moved by hand. Also the settings in the order in
-/// which they took effect.
+/// A booted board with the estimator `time-stamps`, whose handle is moved by hand. Returns also the settings in the
+/// order in which they took effect.
 fn chosen(firmware: &Firmware) -> (World<'_>, Vec<LoopParameters>) {
     let mut world = firmware.boot_with_edge_times();
     world.lead(0.0);
@@ -108,7 +108,7 @@ fn velocities_are_the_cores_fed_with_the_edges_as_they_are_bit_for_bit() {
     bit_for_bit(&firmware, true);
 }
 
-/// The whole motion. `turned`: the encoder's sign is changed, so it counts in the opposite direction.
+/// The whole motion. `turned`: the encoder's sign is changed, so the encoder counts in the opposite direction.
 fn bit_for_bit(firmware: &Firmware, turned: bool) {
     let (mut world, taken) = chosen(firmware);
     if turned {
@@ -130,7 +130,7 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
         }
         samples += length;
     }
-    // A handle that reverses at an edge, and a handle that swings over thousands of counts.
+    // The handle first reverses at an edge, and then swings over thousands of counts.
     for n in 0..1_200u32 {
         let phase = f64::from(n) * 0.037;
         let amplitude = if n < 600 { 0.05 } else { 90.0 };
@@ -270,7 +270,8 @@ fn hits_end_as_in_the_simulator() {
     for (k, b, stable) in
         [(20_000.0, 30.0, true), (20_000.0, 900.0, true), (300_000.0, 30.0, false)]
     {
-        // Limit cycles of a few counts depend on the start. So many starts give the spread of their results.
+        // Limit cycles of a few counts depend on the start. Therefore the test has many starts, to find the spread of
+        // the results.
         let simulated = |start: u8| {
             let wall = WallHit {
                 velocity: prepared.scene().velocity.at(1500.0),

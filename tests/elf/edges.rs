@@ -8,7 +8,7 @@ const TICK: u64 = 2;
 /// Delay of the input filter in ticks: 8 equal samples.
 const FILTER: u64 = 8;
 
-/// For each sample: the latest edge of its count. Also the number of edges within `near` ticks of a reading.
+/// The latest edge of the count at each sample, and the number of edges within `near` ticks of a reading.
 ///
 /// Samples have equal intervals. Ages are from the edge to the sample, in whole ticks. The first samples come when the
 /// program is ready.
@@ -49,7 +49,7 @@ pub fn latest(
             count = Some(to);
             edges.next();
         }
-        // If the handle crosses the last edge again before the reading, the new crossing replaces the old one.
+        // If the handle crosses the last edge again before the reading, the new crossing replaces the old crossing.
         let lost = edges.peek().zip(count).is_some_and(|(&&(at, to), count)| {
             let back = (to > count) ^ turned != new.is_some_and(|(_, up)| up);
             let read_at = captured_at[usize::from((count + 1) >> 1 & 1 == (to + 1) >> 1 & 1)];

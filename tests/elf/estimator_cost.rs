@@ -1,6 +1,6 @@
 //! Every estimator on the board's core. The image has no panic. The velocities equal the host's bit for bit. No update
-//! takes more than a quarter of the sample period. The cycles are the emulator's, with zero wait states. They were not
-//! compared with silicon.
+//! takes more than a quarter of the sample period. The cycles are the emulator's, with zero wait states. The cycles
+//! were not compared with silicon.
 
 use zwidth::{
     Design, Output, VelocitySettings,

@@ -1,4 +1,4 @@
-//! Every estimator of each board on the release ELF: selected, tuned and used in contact over RTT. Its velocities equal
+//! Every estimator of each board on the release ELF: selected, tuned and used in contact over RTT. The velocities equal
 //! the core's on the host, bit for bit.
 
 use virtual_board::{
@@ -57,7 +57,7 @@ fn every_estimator_runs_on_the_board_and_is_the_cores(board: Board) {
     }
     let mut table: Vec<(&str, Cycles)> = vec![];
     for &name in EstimatorName::ALL {
-        // The NUCLEO also has edge times. Without them, `time-stamps` is refused.
+        // The NUCLEO also has edge times. Without edge times, `time-stamps` is refused.
         let senses = &[Sense::Force, Sense::Edge][..1 + usize::from(captured)];
         if let Some(sense) = name.missing(senses) {
             let refused = world.ask(&format!("estimator {}", name.text())).unwrap();
@@ -119,8 +119,9 @@ fn every_estimator_runs_on_the_board_and_is_the_cores(board: Board) {
     assert!(compared > 2_000, "{compared}");
 }
 
-/// Runs the core on the board's counts, with edge times if the board has them. It uses the settings of each record, and
-/// the force of the record before. Returns how many velocities were equal.
+/// Runs the core on the board's counts, with edge times if the board has them. For each record, the core uses the
+/// settings of this record and the force of the previous record. Returns the number of compared velocities, all of them
+/// equal.
 fn compare(
     readings: &[u32],
     edges: &[Option<Edge>],

@@ -1,6 +1,6 @@
 //! The velocity filter in every number format and form, on the board's core. The image has no panic. The velocities
 //! equal the host's bit for bit, and the cycles equal the table of `cargo sim trade`. The cycles are the emulator's,
-//! with zero wait states. They were not compared with silicon.
+//! with zero wait states. The cycles were not compared with silicon.
 
 use filter_forms::{Filter, Form, Format, Variant};
 

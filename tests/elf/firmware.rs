@@ -63,8 +63,8 @@ impl Firmware {
         Context::from_dwarf(dwarf.unwrap()).unwrap()
     }
 
-    /// Addresses of the sampling task's instructions that come from the inlined [`zwidth::Sampler::sample`]. The debug
-    /// information has them.
+    /// Addresses of the sampling task's instructions that come from the inlined [`zwidth::Sampler::sample`]. The
+    /// addresses are from the debug information.
     pub fn core_of_sample(&self) -> BTreeSet<u32> {
         let lines = self.lines();
         let of_core = |address: u32| {
@@ -100,7 +100,8 @@ impl Firmware {
         device::built_in(self.board).settings.velocity
     }
 
-    /// A booted board that [`arm`] has armed. Arming takes a third of a second of the board's time, so it is done once.
+    /// A booted board that [`arm`] has armed. Arming takes a third of a second of the board's time, so the board is
+    /// armed only once.
     pub fn armed(&self) -> World<'_> {
         static ARMED: Mutex<BTreeMap<Flash, Arc<Snapshot>>> = Mutex::new(BTreeMap::new());
         let kept = ARMED.lock().unwrap().get(&self.elf.flash).cloned();
@@ -149,7 +150,7 @@ impl<'a> Replay<'a> {
     }
 
     /// Runs sample `n`. `next` is the first record at or after this sample. A setting from an output acts from the next
-    /// sample on, and the next record shows it. A zero already acts in this sample.
+    /// sample on, and the next record shows this setting. A zero already acts in this sample.
     pub fn sample(
         &mut self,
         n: u64,

@@ -39,7 +39,7 @@ const SENDS: u64 = 1_000;
 
 /// Texts that the host repeats.
 fn floods() -> [(&'static str, Vec<u8>); 5] {
-    // A multiplicative generator. It gives all bytes, including ends of lines.
+    // A multiplicative generator. The generator gives all bytes, including ends of lines.
     let noise = (0..4096).scan(1u32, |seed, _| {
         *seed = seed.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
         Some((*seed >> 24) as u8)
@@ -105,8 +105,8 @@ impl Host<'_> {
         pass(world, n, self.reads);
     }
 
-    /// Ends the present line and sends `disarm` as room becomes free. Returns the time from its last byte until enable
-    /// is inactive, s.
+    /// Ends the present line and sends `disarm` as room becomes free. Returns the time from the last byte of `disarm`
+    /// until enable is inactive, s.
     fn disarm(self, world: &mut World<'_>) -> f64 {
         let begun = self.bytes[self.at..].split_inclusive(|byte| *byte == b'\n').next();
         let ends = begun.filter(|line| line.ends_with(b"\n")).unwrap_or(b"\n");
@@ -254,7 +254,7 @@ const BEHIND: [(&str, &[u8]); 8] = [
     ("help", b"help\n"),
     ("k 1", b"k 1\n"),
     ("push 1", b"push 1\n"),
-    ("load", b"load\n"), // free: it is refused in contact
+    ("load", b"load\n"), // the handle is free: in contact `load` is refused
     ("x", b"x\n"),
     ("no line", b"x"),
     ("zeros", b"\0"),

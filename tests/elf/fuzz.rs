@@ -1,5 +1,5 @@
-//! Random sessions compared with the firmware's own library. Also stop, supply drop and reset at the instants of an
-//! output period. `cargo board fuzz` runs any number of sessions.
+//! Random sessions compared with the firmware's own library. A further test has stop, supply drop and reset at the
+//! instants of an output period. `cargo board fuzz` runs any number of sessions.
 
 use board_trials::fuzz;
 use host_sim::scene::NamedScene;
@@ -45,7 +45,7 @@ fn more_random_sessions_go_as_in_the_library() {
     }
 }
 
-/// Every 100th instruction; `cargo board fuzz --instants` tries each one.
+/// Tries every 100th instruction. `cargo board fuzz --instants` tries every instruction.
 #[test]
 #[ignore = "the other board's image; CI runs it"]
 fn stop_supply_and_reset_end_in_their_own_fault_whenever_they_come() {

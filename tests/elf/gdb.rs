@@ -1,4 +1,4 @@
-//! gdb's port of `cargo board serve`, packet by packet. .ci/clients tests it with gdb itself.
+//! gdb's port of `cargo board serve`, packet by packet. .ci/clients tests this port with gdb itself.
 
 use std::{
     io::{Read as _, Write as _},
@@ -82,8 +82,9 @@ fn until(link: &mut RttTcp, wanted: &str) -> String {
     String::from_utf8(text).unwrap()
 }
 
-/// A client halts the board only if it sends something. It halts core and plant. It can write what it can read, except
-/// flash. The force is off at once. Fault 32 follows when the core runs again, as after any debugger's halt.
+/// A client halts the board only when the client sends something. Then core and plant are halted, and the force is off
+/// at once. The client can write all memory that it can read, except flash. Fault 32 follows when the core runs again,
+/// as after any debugger's halt.
 #[test]
 fn a_halt_takes_the_force_away() {
     let server = Server::start(session(), None, Ports { rtt: 0, gdb: Some(0) }).unwrap();

@@ -31,9 +31,9 @@ each_board!(a_pass_ends_in_time_whatever_the_host_does, ignored: "seconds of a f
 const RECORD: u32 = 0x0800_C000;
 /// Vector of an interrupt that never comes.
 const UNUSED_VECTOR: u32 = 0x0800_0000 + 4 * 60;
-/// Longest pass of the check, samples.
+/// Longest time of one complete image check, samples.
 const PASS: u64 = 1_000;
-/// Samples until a board has booted, also after a reset by its watchdog.
+/// Samples until a board has booted, also after a reset by the watchdog.
 const BOOT: u64 = 200;
 const RESET: u64 = 1_200;
 
@@ -141,7 +141,8 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
     let kept = world.snapshot();
-    // In the image: code that the program does not reach. In the record: a number that was read at boot.
+    // A bit in the image is flipped in code that the program does not reach. A bit in the record is flipped in a number
+    // that was read at boot.
     let (panics, _) = firmware.elf.place_of("rust_begin_unwind").unwrap();
     let seal = firmware.elf.address_of(seal::SEAL).unwrap();
     for address in [UNUSED_VECTOR, panics.next_multiple_of(4), seal, RECORD + 4 * 30] {
@@ -160,7 +161,7 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
         };
         assert!(said.starts_with(reason), "{address:#x}: {said}");
         assert!(world.ask("arm").unwrap().starts_with("error: "));
-        // After the bit is restored, the fault is still latched. `clear` ends it.
+        // After the bit is restored, the fault is still latched. `clear` ends the fault.
         flip(&mut world, address);
         world.reset();
         world.run(BOOT).unwrap();
@@ -173,7 +174,8 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
     }
 }
 
-/// The two tasks watch each other: if `idle` finds nothing, or its passes do not end, `link` finds this.
+/// `link` supervises the image check of `idle`. `link` finds a wrong result of the check, and a check that does not
+/// end.
 #[test]
 fn passes_that_are_wrong_or_do_not_end_are_found_without_idle() {
     let firmware = Firmware::of(NUCLEO_F446RE);
@@ -183,7 +185,7 @@ fn passes_that_are_wrong_or_do_not_end_are_found_without_idle() {
     world.restore(&kept);
     add(&mut world, passes, 5);
     assert!(until_off(&mut world) <= 11);
-    // The state of `idle` is restored again and again, so that its passes do not end.
+    // The state of `idle` is restored again and again, so that the check by `idle` does not end.
     world.restore(&kept);
     let (from, size) = firmware.elf.place_of("local_resource_idle").unwrap();
     let mut state = vec![0; size as usize];
@@ -206,8 +208,8 @@ fn add(world: &mut World<'_>, address: u32, much: u32) {
     world.powered.mcu.write(address, &more.to_le_bytes());
 }
 
-/// Address of the counter of passes. Of the words with a counter's symbol, it is the word that grows by [`RIGHT`] in
-/// each pass.
+/// Address of the counter of image checks. Several words have a counter's symbol. The counter of image checks is the
+/// word that grows by [`RIGHT`] in each check.
 fn counter(firmware: &Firmware, world: &mut World<'_>) -> u32 {
     let symbols = firmware.elf.symbols.iter().filter(|(name, ..)| name.contains("task5FLAGS"));
     let words: Vec<u32> = symbols.flat_map(|(_, at, size)| (*at..at + size).step_by(4)).collect();

@@ -1,5 +1,5 @@
-//! A program on the board's emulated core. It gets a job and samples through memory. It returns velocities, and the
-//! cycles of each update. `tests/on-target/src/mailbox.rs` is the program's side.
+//! A program on the board's emulated core. The program gets a job and samples through memory, and returns velocities
+//! and the cycles of each update. `tests/on-target/src/mailbox.rs` is the program's side.
 
 use virtual_board::{
     elf::Elf,
@@ -38,7 +38,7 @@ impl Mailbox {
     }
 
     /// Returns the velocities, the cycles of each update, and the number of bytes that the program has written after
-    /// the job. `job` has the words after the state. Its last word is the number of samples.
+    /// the job. `job` has the words after the state. The last word of `job` is the number of samples.
     pub fn run(&mut self, what: &str, job: &[u32], inputs: &[i32]) -> (Vec<i32>, Vec<u32>, u32) {
         let words: Vec<u32> = inputs.iter().map(|input| input.cast_unsigned()).collect();
         self.write(self.sample, &words);

@@ -13,8 +13,8 @@
     reason = "a test fails loudly; small numbers, addresses of 32 bits"
 )]
 
-/// A test on each board. On the default board it always runs. On the other board it needs another image, so it runs in
-/// CI only. If a reason to ignore the test is given, it runs in CI only on both boards.
+/// A test on each board. On the default board the test always runs. On the second board the test needs another image,
+/// so there it runs in CI only. With a reason to ignore the test, the test runs on both boards in CI only.
 macro_rules! each_board {
     ($($test:ident),+) => {$(
         mod $test {

@@ -1,10 +1,10 @@
 //! After the tasks have started, no panic can be reached. The test follows the call graph of the release ELF from every
 //! entry of the vector table and from `idle`.
 //!
-//! Direct calls and jumps are read from the machine code. Formatting calls through registers, from tables of functions.
-//! A call through a register counts as a call of **every** function whose address is in the image: in a constant, after
-//! code, or built in a register. These are more calls than can happen, so no call is missed. The test also proves that
-//! no panic's address is stored anywhere.
+//! Direct calls and jumps are read from the machine code. Formatting code calls functions through registers, with
+//! addresses from tables. A call through a register counts as a call of **every** function whose address is in the
+//! image: in a constant, after code, or built in a register. The graph then has more calls than can happen, so no call
+//! is missed. The test also proves that no panic's address is stored anywhere.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -64,7 +64,7 @@ fn a_contact_gives_at_most_the_reserve() {
     assert!(plain > reserve_j && given <= reserve_j, "{plain} {given} {reserve_j}");
 }
 
-/// The reserve is six counts at full scale. With it, the controller acts in every bounce.
+/// The reserve is six counts at full scale. With this reserve, the controller acts in every bounce.
 #[test]
 fn every_frame_is_the_cores() {
     let (firmware, device, _) = with_controller(BOARDS[0], 1e-3);

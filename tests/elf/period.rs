@@ -86,7 +86,7 @@ fn every_period_has_the_time_and_its_hit_is_the_cores(board: Board) {
     }
 }
 
-/// An order, and how to see in a frame that an output has carried it out.
+/// An order, and a condition on a frame by which an output has carried out the order.
 struct Step {
     order: Order,
     told: fn(&Record, &Record) -> bool,
@@ -166,7 +166,8 @@ pub fn hit_at(
     let sent = records.len() as f64 / (records.len() as u64 + dropped) as f64;
     assert!(sent > 0.99, "{sent}");
 
-    // The output that carried out each order. The plan of another period comes before its parameters.
+    // For each order, the output that carried it out. If the period changes, the order with the new plan comes before
+    // the order with the new parameters.
     let mut met: Vec<(u64, Order)> = vec![];
     let mut pairs = records.windows(2);
     for (n, Step { order, told }) in steps.into_iter().enumerate() {
@@ -241,7 +242,7 @@ fn cycles_of(name: EstimatorName) -> u64 {
 fn every_estimator_has_the_time_or_is_refused(board: Board) {
     let firmware = Firmware::variant(board, &["estimators"]);
     let dac = matches!(board.wiring.force, Force::Dac { .. });
-    // The library allows four fifths of the slowest board's cycles. A faster board has more.
+    // The library allows four fifths of the slowest board's cycles. A faster board has more cycles.
     let slowest = BOARDS.iter().map(|board| board.cycles_per_sample()).min().unwrap();
     let spare = (board.cycles_per_sample() - slowest) * 4 / 5;
     for period in PERIODS {
@@ -252,7 +253,8 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
         world.hold(middle_m, true);
         world.run(300).unwrap();
         let (mut refused, mut worst, mut beside) = (vec![], ("", 0, 0), 0);
-        // The cheapest estimator comes first, since the last sample of the previous estimator is measured too.
+        // The estimator with the fewest cycles comes first, since the last sample of the previous estimator is measured
+        // too.
         let mut names = EstimatorName::ALL.to_vec();
         names.sort_by_key(|&name| cycles_of(name));
         for name in names {
@@ -280,7 +282,7 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
                         .unwrap();
                 }
             }
-            // Until all lines are answered; some of them have to wait.
+            // Runs until all lines are answered. Some lines have to wait.
             world.run(600).unwrap();
             world.replies.clear();
             let status = ok(&mut world, "status");

@@ -31,7 +31,7 @@ const FLASH: u32 = 0x0800_0000;
 
 type Act = Box<dyn FnOnce(&mut World<'static>) + Send>;
 
-/// A board in its own thread. Its time advances with each access.
+/// A board in its own thread. The board's time advances with each access.
 #[derive(Clone)]
 struct Bench(Sender<Act>);
 
@@ -78,7 +78,7 @@ fn halt(world: &mut World<'_>) {
     pass(world, 50);
 }
 
-/// A simulated probe-rs: it halts the core when it attaches and when it detaches.
+/// A simulated probe-rs, which halts the core when it attaches and when it detaches.
 struct Attached(Bench);
 
 impl Attached {

@@ -1,4 +1,5 @@
-//! Quiet hits by the release ELF, push by push. They are compared with the simulator's hits from the same starts.
+//! Quiet hits by the release ELF, push by push. The tests compare these hits with the simulator's hits from the same
+//! starts.
 
 use host_sim::{
     scene::{Criterion, NamedScene, RmsOf, Scene},
@@ -31,7 +32,7 @@ fn session(board: Board, [settle_s, window_s]: [f64; 2]) -> Session {
     Session { board, scene, elf, table }
 }
 
-/// Margin of a push to the nearest limit, as a fraction of this limit; negative if the push was not held.
+/// Margin of a push to the nearest limit, as a fraction of this limit; negative if a limit was exceeded.
 fn margin(scene: &Scene, stiffness_n_per_m: f64, report: &HitReport) -> f64 {
     let count_n = stiffness_n_per_m * scene.encoder.resolution_m;
     let off = (count_n / report.wall_force_n.abs()).max(0.1);
@@ -44,7 +45,7 @@ fn margin(scene: &Scene, stiffness_n_per_m: f64, report: &HitReport) -> f64 {
     of_limits.into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// Hits on random walls. Returns the numbers of hits that were held, not held, and left out.
+/// Hits on random walls. Returns the numbers of stable hits, of unstable hits, and of hits that were left out.
 fn hits(board: Board, seconds: [f64; 2], walls: u64, seed: u64) -> [usize; 3] {
     let session = session(board, seconds);
     let scene = &session.scene.scene;

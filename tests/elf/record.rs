@@ -1,4 +1,4 @@
-//! Device records: an image accepts every valid record. With a wrong record its force stays off.
+//! Device records: an image accepts every valid record. With a wrong record the force stays off.
 
 use std::{
     fs,
@@ -57,7 +57,7 @@ fn bytes_of(firmware: &Firmware) -> Vec<u8> {
 /// Boots with this record and runs some samples. Returns the board's first message. Then all commands but three are
 /// refused.
 ///
-/// Such a board polls its link and does not sleep. This makes the emulation twenty times slower.
+/// A board with a refused record polls its link and does not sleep. So the emulation is twenty times slower.
 fn refused(firmware: &Firmware, record: &[u8], samples: u64) -> String {
     let elf = firmware.elf.with_record(record).unwrap();
     let Firmware { board, table, scene, .. } = firmware;
@@ -260,13 +260,13 @@ fn devices() -> [NamedScene; 5] {
     ]
 }
 
-/// K and B of a wall with the same stiffness for each device, relative to its force and count.
+/// K and B of a wall with the same stiffness for each device, relative to the device's force and count.
 fn as_stiff(scene: &Scene) -> [f64; 2] {
     let unit = scene.full_scale_n() / scene.encoder.resolution_m;
     [(2e-3 * unit).round(), (8e-6 * unit).round()]
 }
 
-/// Hits of the simulator and of the board differ only in their start time. RMS and mean are those of the same wall.
+/// Hits of the simulator and of the board differ only in their start time. So RMS and mean must agree.
 fn hits_are_the_simulators(board: Board, devices: &[(NamedScene, [f64; 3])]) {
     let Firmware { board, elf, .. } = Firmware::of(board);
     let facts = board_facts(board.name).unwrap();

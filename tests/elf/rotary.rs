@@ -30,7 +30,7 @@ const LINEAR: Typed =
     ("by-hand.toml", ["wall 0.035", "k 1000", "b 10", "push 0.7", "rms 2.8e-5", "start 0"]);
 const ROTARY: Typed =
     ("rotary.toml", ["wall 0.5", "k 4.9", "b 0.049", "push 0.049", "rms 4e-4", "start 0"]);
-/// Samples between two lines, whatever the time of their replies.
+/// Samples between two lines. The time of the replies does not matter.
 const SLOT: u64 = 500;
 
 /// Runs one hit. Returns the replies, the telemetry from `arm` on, and the settings in the telemetry.
@@ -104,7 +104,7 @@ fn a_rotary_device_hits_as_the_same_one_at_its_handle(board: Board) {
     );
     assert!(!settings.is_empty());
     assert_eq!(settings, linear_settings);
-    // Texts of another length take another time. So at either end an output may be missing or added.
+    // Texts of different lengths need different times. So the two recordings may begin or end at different outputs.
     let at: BTreeMap<u64, Record> =
         linear_frames.iter().map(|one| (one.record.sample, one.record)).collect();
     let pairs = || {

@@ -127,7 +127,7 @@ fn a_self_test_is_refused_while_force_acts(board: Board) {
     assert_eq!(world.powered.amplifier.changes().disabled_at, off);
 }
 
-/// Defects of single parts: by the emergency stop, the pin's mode, the DAC, and the interrupt's priority.
+/// Defects of single parts. The causes are the emergency stop, the pin's mode, the DAC, and the interrupt's priority.
 #[test]
 #[ignore = "a self-test for each defect"]
 fn enable_output_and_delay_fail_by_themselves() {
@@ -154,8 +154,8 @@ fn enable_output_and_delay_fail_by_themselves() {
     world.powered.mcu.bench().converter_error.store(-40, Relaxed);
     assert_eq!(failed(&mut world), [""; 0]);
 
-    // With the priority of `link`, no sample comes between its instructions. The check of the registers finds this too.
-    // While its fault is latched, the amplifier is not enabled.
+    // With the priority of `link`, the sampling task cannot interrupt `link`. The check of the registers also finds
+    // this wrong priority. While the fault of this check is latched, the amplifier is not enabled.
     let parts = ["enable", "output watchdog", "output"];
     let not = parts.map(|part| {
         format!("selftest {part}: fail, not tried: a fault is latched, clear it first")

@@ -38,8 +38,8 @@ fn until(link: &mut RttTcp, channel: usize, text: &mut Vec<u8>, wanted: &str) {
     }
 }
 
-/// Commands get their replies, and the log repeats them. Every byte of the telemetry belongs to a frame. The board runs
-/// in real time. A second client waits until the first one has disconnected.
+/// Commands get their replies, and the log repeats the replies. Every byte of the telemetry belongs to a frame. The
+/// board runs in real time. A second client waits until the first client has disconnected.
 #[test]
 fn three_ports_are_a_board() {
     let server = server();
@@ -49,7 +49,7 @@ fn three_ports_are_a_board() {
     let commands = b"zero\nk 200\nb 2\nwall 0.005\narm\n";
     assert_eq!(link.write(COMMANDS, commands), commands.len());
     until(&mut link, REPLIES, &mut replies, "ok arm");
-    // The board is never faster than real time. It may be slower if other programs need the processor.
+    // The board is never faster than real time. The board may be slower if other programs need the processor.
     let begun = Instant::now();
     let before = server.board.wires.seen().time_s;
     let mut ran_s = 0.0;

@@ -63,7 +63,8 @@ fn all_of(world: &mut World<'_>) -> (Vec<u8>, u64, u64, String) {
     (mcu.bytes().collect(), world.position_m().to_bits(), world.powered.mcu.now(), said + &watch)
 }
 
-/// After each action, the first board is restored and repeats it. Then another board, just switched on, repeats it.
+/// After each action, the first board is restored and repeats the action. Then a second board, just switched on, is
+/// restored and repeats the action.
 fn a_board_goes_on_from_a_snapshot_as_it_went_on(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.boot();

@@ -21,7 +21,7 @@ fn swing(world: &mut World<'_>) {
     world.run(30).unwrap();
 }
 
-/// The telemetry and the values that the core computes from it. They must be equal.
+/// The telemetry, and the values that the core computes from the telemetry. The values must be equal.
 fn computed(world: &mut World<'_>) -> (Capture, Recomputed) {
     let capture = Capture::decode(&std::mem::take(&mut world.telemetry));
     assert_eq!((capture.dropped, capture.garbage_bytes), (0, 0));

@@ -1,8 +1,8 @@
 //! The firmware's own sampling and output tasks on the host, with the counts that the board read.
 //!
-//! Each typed command becomes an order at an output. Telemetry shows it by the number of the settings or by a flag. So
-//! every frame must equal the host's record bit for bit, from the first frame on: velocity, sign test, ramp, return
-//! move, hit, fade, flags.
+//! Each typed command becomes an order at an output. Telemetry shows the order by the number of the settings or by a
+//! flag. So every frame must equal the host's record bit for bit, from the first frame on: velocity, sign test, ramp,
+//! return move, hit, fade, flags.
 
 use zwidth::{
     CounterWidth, LoopParameters,
@@ -74,7 +74,8 @@ impl Twin {
         }
     }
 
-    /// Runs one sample. If an output is due, returns its record. Then it carries out the waiting order.
+    /// Runs one sample. If an output is due, runs the output, then carries out the waiting order. Returns the output's
+    /// record.
     pub fn sample(
         &mut self,
         count: u32,

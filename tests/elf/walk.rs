@@ -1,5 +1,5 @@
-//! Experiments by the release ELF, compared with the simulator's. The board's scene has its measured latency and its
-//! output's quantisation.
+//! Experiments by the release ELF, compared with the simulator's. The board's scene has the measured latency of the
+//! board and the quantisation of its output.
 
 use std::sync::atomic::AtomicBool;
 
@@ -31,7 +31,7 @@ const CUTOFF_HZ: f64 = 1500.0;
 /// Largest relative difference of the areas. The boundary is chaotic at its edge: if the start moves by a fraction of a
 /// count, the area changes by some 2 %. So the board's area is compared with the mean of the simulator's areas.
 const AREA_TOLERANCE: f64 = 0.05;
-/// Number of the simulator's walks. Their starts are spread over one count.
+/// Number of the simulator's walks. The starts of these walks are spread over one count.
 const REPEATS: u32 = 16;
 
 /// The session of a board with its own scene, after `edit`.
@@ -72,7 +72,7 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> (WalkReport, [f64; 2]) {
     );
     let simulated = &simulated[0];
     assert!(difference.abs() <= AREA_TOLERANCE, "{difference}");
-    // `cargo sim walk` gives a single walk. It differs from the mean by the spread.
+    // `cargo sim walk` gives a single walk. A single walk differs from the mean by the spread.
     let of_one = walked.area / simulated.area - 1.0;
     assert!(of_one.abs() <= AREA_TOLERANCE + 2.0 * spread, "{of_one}");
     assert_eq!(walked.ended_by, simulated.ended.map(Ended::name).unwrap());
@@ -288,7 +288,7 @@ fn a_hand_that_moves_to_and_fro_lets_the_way_back_give_up_by_itself() {
     ok(&mut world, "hit");
     let held_m = world.position_m();
     let mut lines = vec![];
-    // 0.5 mm in 25 ms: more than the push of a return move would move the heaviest handle.
+    // The handle moves by 0.5 mm in 25 ms. The push of a return move would move even the heaviest handle less.
     for n in 0..12_000u32 {
         let place = f64::from(((n + 25) % 50).abs_diff(25));
         world.hold(held_m + 20e-6 * place, true);
@@ -328,7 +328,7 @@ fn calibrate_rises_holds_and_stops_on_motion() {
     assert!(largest_force(&mut world, 100) < 0.01);
     let refused = world.ask("calibrate 31").unwrap();
     assert!(refused.contains("allowed -30 to 30"), "{refused}");
-    // The result is entered, its range is checked, and it is stored.
+    // The result is entered, checked against its range, and stored.
     let refused = world.ask("fullscale 6").unwrap();
     assert!(refused.contains("disarm first"), "{refused}");
     ok(&mut world, "disarm");
@@ -353,7 +353,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept(board: Board
     ok(&mut world, "encoder -");
     assert!(ok(&mut world, "status").contains("not zeroed"));
     assert!(world.ask("arm").unwrap().contains("zero first"));
-    // The count now falls where it rose before.
+    // The count now falls in the direction in which it rose before.
     let position = |world: &mut World<'_>| -> i32 {
         let status = ok(world, "status");
         let word = status.split("position ").nth(1).unwrap().split(' ').next().unwrap();
@@ -372,7 +372,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept(board: Board
     assert!((-1_002..=-998).contains(&counts), "{counts}");
     world.hold(world.position_m(), false);
     world.run(5_000).unwrap();
-    // With only the encoder reversed the sign test fails. With both reversed it passes.
+    // With only the encoder reversed, the sign test fails. With encoder and motor reversed, the sign test passes.
     ok(&mut world, "zero");
     ok(&mut world, "arm");
     world.run(2_000).unwrap();

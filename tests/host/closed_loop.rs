@@ -105,7 +105,7 @@ fn taylor(scene: &Scene, [x, v]: [f64; 2], force_n: f64, dt: f64) -> [f64; 2] {
     let accelerate = |x: f64, v: f64, force_n: f64| {
         (force_n - device.damping_n_s_per_m * v - device.stiffness_n_per_m * x) / device.mass_kg
     };
-    // Each derivative of (x, v) gives the next one. The force is constant, so it enters only once.
+    // Each derivative of (x, v) gives the next derivative. The force is constant, so the force enters only once.
     let (mut dx, mut dv) = (v, accelerate(x, v, force_n));
     let (mut sum, mut term) = ([x, v], dt);
     for n in 2..22 {
@@ -137,7 +137,7 @@ fn a_fractional_latency_is_exact() {
             let expected_m = state[0] + scene.device.rest_position_m;
             let error_m = position_m - expected_m;
             assert!(error_m.abs() < POSITION_ERROR_MAX_M, "{latency}: {error_m:e} m at {n}");
-            // The commanded force at each sample, held from output to output.
+            // The commanded force at each sample. It stays constant from output to output.
             let held = rendered.map(|r| r.output * scene.full_scale_n());
             commands.push(held.unwrap_or_else(|| commands.last().copied().unwrap_or(0.0)));
             let new_n = if n >= whole { commands[n - whole] } else { 0.0 };

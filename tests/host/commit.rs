@@ -10,7 +10,7 @@ use std::{
 #[path = "../../build.rs"]
 mod build_script;
 
-/// A temporary folder. It is removed when the value is dropped.
+/// A temporary folder, which is removed when the value is dropped.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -90,8 +90,8 @@ fn without_a_repository_of_its_own_the_commit_is_unknown() {
     assert!(watched.contains(&archive.join("src")), "{watched:?}");
 }
 
-/// A commit, and a change of the branch, each change a file that the build watches. Every watched file exists: if one
-/// were missing, cargo would build again each time.
+/// A commit changes a file that the build watches, and so does a change of the branch. Every watched file exists: if
+/// one were missing, cargo would build again each time.
 #[test]
 fn what_changes_the_commit_is_watched() {
     let folder = Folder::committed("watched");

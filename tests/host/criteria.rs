@@ -76,7 +76,7 @@ fn a_hand_is_a_spring_whose_end_is_moved() {
         positions
     });
     let [hand, spring] = &positions;
-    // Until rounding gives them different counts.
+    // The comparison ends before rounding gives the two scenes different counts.
     let apart = hand.iter().zip(spring).take(2000).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(apart < 1e-14, "{apart:e}");
     assert!(hand[6000] > 0.069, "it reached the wall: {}", hand[6000]);
@@ -142,7 +142,7 @@ fn late_readings_know_of_the_hand() {
         later = fine.advance(&later, 0.0);
         steps += 1;
     }
-    // 40 N / m for up to 90 us gives 0.4 um. The spring adds its own force.
+    // 40 N on the handle's mass for up to 90 us give 0.4 um. The spring adds its own force.
     let off_m = fine.position_m(&later) - read_m;
     assert!(steps > 100 && steps < 900 && off_m < 2e-8, "{steps} {off_m:e} {read_m:e}");
 }

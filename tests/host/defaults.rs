@@ -86,7 +86,7 @@ fn a_default_that_is_unstable_at_a_rate_is_left_out_and_said() {
     assert!(!said("chai3d") && is_there("chai3d"), "{:?}", study.notes);
 }
 
-/// A table of an independent program in `f64`. Its explicit tracking loops are read before their update.
+/// A table of an independent program in `f64`. That program reads its explicit tracking loops before their update.
 #[test]
 #[ignore = "a minute: the table of defaults against an independent program"]
 fn the_table_of_defaults_is_that_of_an_independent_program() {
@@ -140,7 +140,7 @@ fn the_table_of_defaults_is_that_of_an_independent_program() {
                 "latency {latency}, {limit_m:e} m, {name}: {ours:.3}, theirs {theirs} ({:+.1} %)",
                 100.0 * off
             );
-            // One cell changes from 6.4 to 9.0 with the start.
+            // One cell depends on the start: it varies from 6.4 to 9.0.
             let row = study.rows.iter().find(|row| row.name == name).unwrap();
             let [low, high] = row.boundaries[0].area_range().map(|area| area / 1e6);
             if theirs > 1.0 && off.abs() > 0.05 && !(low..=high).contains(&theirs) {

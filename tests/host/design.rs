@@ -79,7 +79,8 @@ fn the_front_holds_the_areas_of_an_independent_search() {
             assert!(area >= least, "{name} {peak_db} dB: {area}");
         }
     }
-    // With the coarser encoder the other program's area of 704 is not reached. docs/lab/design.md lists the attempts.
+    // With the coarser encoder, `design` does not reach the independent program's area of 704. docs/lab/design.md lists
+    // the attempts.
     for (name, least) in [("paper-1um", OF_THEIRS * 950.0), ("paper-2um", 600.0)] {
         let mut hand = scene(name);
         hand.wall_hit.push_by = PushBy::Hand;
@@ -142,7 +143,8 @@ fn ten_seeds_find_the_same_area() {
     assert!(high / low < 1.02, "{areas:?}");
 }
 
-/// Motor and hand, the free handle and both arms, compared with kalman-3 in the tuning of docs/lab/comparison.md.
+/// Six cases: motor or hand pushes a free handle, a handle with the light arm, or a handle with the heavy arm. The
+/// reference is kalman-3 in the tuning of docs/lab/comparison.md.
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn designed_for_the_worst_of_six_it_holds_in_each_what_kalman_3_does() {

@@ -213,7 +213,7 @@ fn errors_of_size_zero_change_no_bit() {
 
 #[test]
 fn an_amplifier_far_above_the_rate_changes_nothing_but_the_last_digits() {
-    // 16 ns late: the exact step accepts any time constant.
+    // This amplifier is 16 ns late. The exact step accepts any time constant.
     let stiff = read(&["[amplifier]\nbandwidth_hz = 1e7\n"]).unwrap();
     let wall = hit(2000.0, 20.0);
     let report = |scene: &Scene| {
@@ -232,7 +232,7 @@ fn noise_differs_between_seeds_and_starts_and_not_between_walls() {
         let prepared = PreparedScene::new(&scene).unwrap();
         let mut simulation =
             prepared.fixed(&WallHit { start_offset_counts, ..hit(stiffness, 0.0) }).unwrap();
-        // Before the handle reaches the wall.
+        // The samples before the handle reaches the wall.
         (0..500)
             .map(|_| {
                 let sample = simulation.step();
@@ -246,7 +246,8 @@ fn noise_differs_between_seeds_and_starts_and_not_between_walls() {
     assert_ne!(noise, readings("seed = 1", 0.25, 2000.0));
     let mean = noise.iter().sum::<i64>() as f64 / 500.0;
     let rms = (noise.iter().map(|n| (*n as f64 - mean).powi(2)).sum::<f64>() / 500.0).sqrt();
-    // 5 counts and the quantiser's variance of 1/12. The spread of an RMS over 500 samples is 3.2 %.
+    // The RMS is expected from 5 counts of noise and the quantiser's variance of 1/12. The spread of an RMS over 500
+    // samples is 3.2 %.
     assert!((rms - 5.0).abs() < 0.65 && mean.abs() < 1.0, "{rms} {mean}");
 }
 
@@ -321,7 +322,8 @@ fn refusals_name_key_value_and_range() {
         (vec![&ENCODER_NOISE.replace("5e-7", "-1")], "encoder_noise.rms_m is -1, allowed 0 to 1"),
         (vec![&ENCODER_NOISE.replace("5e-7", "nan")], "encoder_noise.rms_m is NaN, allowed 0 to 1"),
         (vec![&JITTER.replace("5e-6", "1e-4")], "jitter.peak_s is 0.0001, allowed 0 to"),
-        // 50 kN s/m on 0.416 kg gives 8 us. This is too fast for two steps of Runge-Kutta in 100 us, but not for seven.
+        // 50 kN s/m on 0.416 kg gives a time constant of 8 us. This time constant is too short for two steps of
+        // Runge-Kutta in 100 us, but not for seven.
         (
             vec![&SPRING.replace("damping_n_s_per_m = 50", "damping_n_s_per_m = 5e4"), RK4],
             "integrator.steps_per_sample is 2, allowed 5 to 10000: the fastest time constant is 8.3e-6 s",
@@ -332,8 +334,8 @@ fn refusals_name_key_value_and_range() {
             vec!["[amplifier]\nbandwidth_hz = 1e7\n", FRICTION, ADAPTIVE],
             "without non-linear elements and [integrator] the step is exact",
         ),
-        // A test of eigenvalues alone would accept this device. No motion of the plant is so strongly damped, but a
-        // motion of its Euler steps is.
+        // A test of eigenvalues alone would accept this device. The plant itself has no motion with such a strong
+        // damping, but its Euler steps have one.
         (
             vec![
                 "[mode]\nmass_kg = 0.625\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\n",

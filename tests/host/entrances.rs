@@ -1,5 +1,5 @@
-//! NaN and infinities at every input. Each such number from a person or a file is refused with its name. So no later
-//! code gets one.
+//! NaN and infinities at every input. If a person or a file gives one of these values, the value is refused with its
+//! name. So no later code gets these values.
 
 use host_sim::scene::NamedScene;
 use zwidth::{
@@ -258,7 +258,8 @@ fn made<S, T>(
     build(settings)
 }
 
-/// Sets one field after another to a number that is not finite. Each is refused with its name.
+/// Sets one field after another to a number that is not finite. Each of these numbers is refused with the name of the
+/// field.
 macro_rules! each_bad {
     ($type:ident { $($field:ident),+ $(,)? } of $good:ident, $build:expr) => {$(
         for bad in BAD {
@@ -364,7 +365,7 @@ fn every_number_of_the_core_is_refused_by_name() {
         |calibration| calibration.build(&DESIGN)
     );
     for bad in BAD {
-        // With the name of its command.
+        // The message must contain the name of the command.
         named("calibrate", CalibrationSettings { percent: bad, ..calibration }.build(&DESIGN));
         let sense = CurrentSettings { rest: 0.5, full: 0.8 };
         named("current_sense_rest", CurrentSettings { rest: bad, ..sense }.build(DESIGN.output));

@@ -64,7 +64,8 @@ fn settling(settings: &VelocitySettings) -> usize {
     }
 }
 
-/// Rounding error of the output, LSB. A low-pass carries its rounding residue, so the error may reach a whole LSB.
+/// Rounding error of the output, LSB. A low-pass adds the rounding residue of a sample to the next sample, so the error
+/// may reach a whole LSB.
 fn rounding_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::Butterworth { .. } | VelocitySettings::FirstOrder { .. } => 1.0,
@@ -103,7 +104,8 @@ fn constant_speed_is_measured_within_the_stated_error() {
 
 /// Weights by independent closed expressions: the derivative of the parabola through three points, and of the cubic
 /// through four. A regression's slope has the weight 6 (j + 1) (w - j) / (w (w + 1) (w + 2)) for difference j. A
-/// quadratic fit follows every parabola. Of all such weights, its weights have the least sum of squares.
+/// quadratic fit follows every parabola. Of all weights that do so, the weights of the fit have the least sum of
+/// squares.
 #[test]
 fn weights_are_those_of_the_polynomials() {
     let close = |ours: &[f64], theirs: &[f64]| {
@@ -122,8 +124,8 @@ fn weights_are_those_of_the_polynomials() {
             continue;
         }
         let design = FirDesign::least_squares(2, window).unwrap();
-        // Weights of the positions, newest first. They are exact for 1, t and t^2, and are a combination of these
-        // three. So their sum of squares is the least.
+        // Weights of the positions, newest first. The weights are exact for 1, t and t^2, and are a combination of
+        // these three functions. So their sum of squares is the least.
         let g = design.weights();
         let h: Vec<f64> = (0..=window as usize)
             .map(|i| g.get(i).unwrap_or(&0.0) - if i > 0 { g[i - 1] } else { 0.0 })
@@ -142,7 +144,7 @@ fn weights_are_those_of_the_polynomials() {
 
 #[test]
 fn the_stated_delay_is_that_over_a_chirp() {
-    /// Relative error of a sample or of the delay. Its causes are quantisation, and frequencies of the chirp above
+    /// Relative error of a sample or of the delay. Quantisation causes this error, and frequencies of the chirp above
     /// zero.
     const ERROR_MAX: f64 = 0.02;
     for name in names() {
@@ -180,7 +182,7 @@ fn stated_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
     match *settings {
         VelocitySettings::Difference {} => 0.0,
         _ if settings.weights(&DESIGN).unwrap().is_some() => 0.6,
-        // a1 is rounded to 2^-30 and a2 to half of this. The effect grows as their sum 1 + a1 + a2 = 4 b0 becomes
+        // a1 is rounded to 2^-30 and a2 to half of this. The effect grows as the sum 1 + a1 + a2 = 4 b0 becomes
         // smaller.
         VelocitySettings::Butterworth { cutoff_hz } => {
             let b0 = ButterworthDesign::new(cutoff_hz, DESIGN.rate_hz, false).unwrap().b0;
@@ -205,8 +207,9 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
     }
 }
 
-/// The test finds a row of the table without a twin, and a linear row without its transfer function. An estimator is
-/// linear if responses add up. This is tested on its twin with slow motions, in which windows are long.
+/// The test fails if a row of the table has no twin, or if a linear row has no transfer function. An estimator is
+/// linear if the response to a sum is the sum of the responses. The test adds responses of the twin to slow motions, in
+/// which windows are long.
 #[test]
 fn every_estimator_has_a_twin_and_if_it_is_linear_its_transfer_function() {
     let mut linear = 0;

@@ -127,7 +127,7 @@ fn response(settings: &VelocitySettings, w: f64) -> [f64; 2] {
 }
 
 /// Measures a chirp at each frequency by correlation. The delay equals the delay of the loop's own response. If a delay
-/// is documented, both equal it.
+/// is documented, both delays equal the documented delay.
 #[test]
 fn the_delay_is_the_stated_one() {
     const AMPLITUDE: f64 = 20_000.0;
@@ -168,7 +168,7 @@ fn the_delay_is_the_stated_one() {
                 _ => stated + 8.0 * cubed,
             };
             if hz / bandwidth_hz <= 0.1 {
-                // These series are for the loop in continuous time. The error is of the order of its w T.
+                // These series are for the loop in continuous time. The error is of the order of the loop's w T.
                 let order = 2.0 * PI * bandwidth_hz / DESIGN.rate_hz;
                 let limit = 2e-3 + order.max(0.1) * (expected - stated).abs();
                 assert!((delay - expected).abs() < limit, "{settings:?} {hz}: {delay} {expected}");
@@ -230,16 +230,16 @@ fn fusion_rejects_the_bias_and_follows_without_delay() {
             worst = worst.max((f64::from(seen.bits()) / LSB - motion.speed(t1)).abs());
         }
     }
-    // At a speed of 37 counts per sample. A low-pass of 200 Hz would be off by half of this speed.
+    // The speed is 37 counts per sample. A low-pass of 200 Hz would have an error of half this speed.
     println!("fusion: {worst} counts per sample");
     assert!(worst < 0.01 * 300.0 * w, "{worst}");
 }
 
 /// Largest difference of core and twin in random motion, LSB, at speeds up to `fastest` LSB.
 ///
-/// The core computes the tracking loop as a low-pass with coefficients of 30 fractional bits. Their sum ki is off by up
-/// to 2^-31. This changes the response by a fraction of up to 2 * 2^-31 / ki, and its damping by less. The observer's
-/// gains have 32 bits of their own.
+/// The core computes the tracking loop as a low-pass with coefficients of 30 fractional bits. The sum ki of these
+/// coefficients has an error of up to 2^-31. This changes the response by a fraction of up to 2 * 2^-31 / ki, and the
+/// damping by less. The observer's gains have 32 bits.
 fn twin_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
     match *settings {
         VelocitySettings::TrackingLoop { bandwidth_hz } => {
@@ -327,8 +327,7 @@ fn scenes_with_senses_run_and_core_and_twin_agree() {
 }
 
 /// With `[mode]` the accelerometer is on the body with motor and encoder. Above its crossover, fusion uses the
-/// accelerometer. So it follows this body, and not the handle behind the transmission, which swings in the opposite
-/// direction.
+/// accelerometer. So fusion follows this body. The handle behind the transmission swings in the opposite direction.
 #[test]
 fn the_accelerometer_is_on_the_body_with_the_encoder() {
     let usual = "estimator = \"butterworth\"\nprewarp = false";

@@ -119,7 +119,7 @@ fn constant_speed_is_measured_within_the_stated_error() {
 }
 
 /// For Levant's explicit form docs/estimators.md gives one error up to a `lambda_ratio` of 1.5, and a larger error up
-/// to 2.5. Both must hold. Above 1.5 the smaller one must be exceeded.
+/// to 2.5. The measured error must be within these values. Above 1.5 the measured error must exceed the smaller value.
 #[test]
 fn a_larger_lambda_makes_the_stated_error_larger() {
     let mut needed = [0f64; 2];
@@ -152,7 +152,7 @@ fn a_larger_lambda_makes_the_stated_error_larger() {
 
 #[test]
 fn the_stated_delay_is_that_over_a_chirp() {
-    /// Relative error of a sample. Its causes are quantisation, and frequencies of the chirp above zero.
+    /// Relative error of a sample. Quantisation causes this error, and frequencies of the chirp above zero.
     const ERROR_MAX: f64 = 0.1;
     let check = |what: &str, measured: f64, stated: f64| {
         println!("{what}: {measured:.3} samples, stated {stated:.3}");
@@ -160,7 +160,7 @@ fn the_stated_delay_is_that_over_a_chirp() {
     };
     for name in [EstimatorName::FoawEnd, EstimatorName::FoawBest] {
         for window_samples in [4, 16, 32] {
-            // So slow that a line fits the whole window within the noise.
+            // The motion is so slow that a line fits the whole window within the noise.
             let settings = name.defaults().with_tuning(window_samples.into()).with_second(4.0);
             let measured = delay_over_a_chirp(&settings, 1500.0, 0.5, 5.0);
             check(&format!("{settings:?}"), measured, f64::from(window_samples) / 2.0);
@@ -173,7 +173,7 @@ fn the_stated_delay_is_that_over_a_chirp() {
             let amplitude = 0.6 * c(acceleration_max_m_per_s2) * 1e8 / (8.0 * PI).powi(2);
             let measured = delay_over_a_chirp(&settings, amplitude, 0.5, 4.0);
             if name == EstimatorName::LevantImplicit {
-                // The window is longer if one count is more than C allows within a sample.
+                // The window is longer if one count is a larger motion than C allows within a sample.
                 let c = c(acceleration_max_m_per_s2);
                 let most = 0.5 + if c < 1.0 { 0.65 / c.sqrt() } else { 0.1 };
                 println!("{settings:?}: {measured:.3} samples, stated 0.5 to {most:.3}");
@@ -273,8 +273,9 @@ fn stated_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => 0.5,
         VelocitySettings::LevantExplicit { .. } => 2.0,
-        // The steps of the counts are accelerations above a small C, which the differentiator cannot follow exactly.
-        // Each time it reaches the counts again, a difference becomes larger.
+        // With a small C, the steps of the counts are accelerations above C. The differentiator cannot follow these
+        // accelerations exactly. Each time the differentiator reaches the counts again, a difference from the twin
+        // becomes larger.
         VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. }
             if c(*acceleration_max_m_per_s2) < 0.2 =>
         {
@@ -295,8 +296,8 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
         }
         let mut largest = [0f64; 2];
         for settings in all {
-            // Levant's differentiator follows up to its largest acceleration. Above it, the differentiator loses the
-            // position. Then any difference grows with the distance from it.
+            // Levant's differentiator follows up to its largest acceleration. At a larger acceleration, the
+            // differentiator loses the position. Then any difference grows with the distance from the position.
             let most = match settings {
                 VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, .. }
                 | VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. } => {

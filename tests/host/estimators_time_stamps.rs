@@ -54,8 +54,8 @@ fn a_handle_that_stops_reads_exactly_zero() {
 /// Delay of a sine in samples, by the estimator's definition, if each sample has edges.
 ///
 /// The mean m over the span is late by half the span. The mean may exceed the speed v, if the handle slows down or has
-/// just reversed. Then the limit `1 / age` reduces it. With ages uniform over 0 .. 1 / v the mean output is `v (1 +
-/// ln(m / v))`, with the sign of m.
+/// just reversed. Then the limit `1 / age` reduces the mean. With ages uniform over 0 .. 1 / v the mean output is
+/// `v (1 + ln(m / v))`, with the sign of m.
 fn expected_delay(span: u32, w: f64) -> f64 {
     const POINTS: u32 = 100_000;
     let half = w * f64::from(span) / 2.0;
@@ -101,8 +101,8 @@ fn the_delay_of_a_sine_is_that_of_mean_and_bound() {
     assert!(least < 0.87, "the bound must show");
 }
 
-/// If edges are rarer than the span, the output holds the mean of the last period. Under a constant acceleration the
-/// delay is exactly half the period plus the age of the edge.
+/// If edges are rarer than the span, the output keeps the mean of the last period between edges. Under a constant
+/// acceleration the delay is exactly half the period plus the age of the edge.
 #[test]
 fn the_delay_of_a_slow_motion_is_half_a_period_and_the_age_of_the_edge() {
     let (v0, a) = (0.02, 2e-5);
@@ -151,10 +151,10 @@ fn spans_out_of_range_are_refused_by_name() {
     }
 }
 
-/// A scene's edges are from a cubic between samples. They are compared with the motion itself.
+/// A scene's edges are from a cubic between samples. The test compares these edges with the motion itself.
 #[test]
 fn edges_of_a_simulated_motion_are_where_the_motion_crosses() {
-    // A reversal within a sample, over an edge and back: the return crossing counts.
+    // The handle reverses within a sample, over an edge and back. The edge is then the return crossing.
     assert_eq!(
         last_edge([0.5, 3.0], [0.5, -3.0]).map(|(at, up)| (at > 0.5, up)),
         Some((true, false))

@@ -90,7 +90,7 @@ fn gains_at_both_ends_of_their_range_and_zero_are_exact_for_any_resolution_and_a
                     [(0.0, 0.0), (1.0, 0.01), (1e7, 1e4), (0.0, 1e4), (1e7, 0.0)]
                 {
                     let control = build(&design, 0.1 * rate_hz, stiffness, damping);
-                    // One count deep at rest, and one count per sample in the same place.
+                    // The handle is one count deep in the wall: first at rest, then at a speed of one count per sample.
                     let position = Position::from_counts(1);
                     let lsb_per_n = f64::from(Force::FULL_SCALE.bits()) / full_scale_n;
                     let at_rest = control.wall.demand(position, Velocity::ZERO);
@@ -133,7 +133,7 @@ fn the_lowest_and_highest_cutoff_and_zero_gains_run_at_every_rate() {
 fn an_actuator_that_saturates_all_the_time_is_reported() {
     let mut scene = paper();
     scene.actuator.limit_v = scene.wall_hit.push_n / scene.actuator.gain_n_per_v;
-    // Always behind the surface, so that the wall always requires more force than is available.
+    // The handle is always behind the surface, so that the wall always requires more force than is available.
     scene.wall.position_m = -0.5;
     scene.device.damping_n_s_per_m = 100.0;
     for report in hit(&scene, &wall(1000.0, 1e7, 0.0)) {
@@ -210,7 +210,7 @@ fn any_estimator() -> impl Strategy<Value = (EstimatorName, Numbers)> {
 }
 
 /// The estimator with its parameters at these fractions of the ranges that the core accepts on this device. The ranges
-/// come from the error messages, one after another.
+/// are read from the error messages, one parameter after another.
 fn tuned(name: EstimatorName, parts: Numbers, design: &Design) -> VelocitySettings {
     let mut numbers = [f64::NAN; PARAMETERS];
     for _ in 0..2 * PARAMETERS {

@@ -214,14 +214,15 @@ fn control(cutoff_hz: f64, rate_hz: f64) -> zwidth::LoopParameters {
 
 #[test]
 fn at_constant_speed_the_sum_of_the_output_follows_the_sum_of_the_input_for_ever() {
-    /// Largest span of the output, counts. The ripple of the counts is one count, and after the filter hardly larger.
+    /// Largest span of the output, counts. The counts have a ripple of one count. The filter hardly increases this
+    /// ripple.
     const SPAN_MAX_COUNTS: f64 = 1.1;
     const SAMPLES: i64 = 1_000_000;
     let rate_hz = 1e4;
     let mut worst = 0f64;
     for cutoff_hz in cutoffs().step_by(3).map(|cutoff| cutoff * rate_hz) {
         let control = control(cutoff_hz, rate_hz);
-        // Speeds in counts per sample: fractions, a slow one, and speeds up to the last one below the limit.
+        // Speeds in counts per sample: fractions, a slow speed, and speeds up to the last speed below the limit.
         for (counts, samples) in [(3, 10), (-1, 3), (1, 1000), (100, 7), (32_766, 1), (-65_531, 2)]
         {
             let mut sampler = Sampler::new(0, CounterWidth::Bits32);

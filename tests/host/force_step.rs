@@ -2,8 +2,8 @@
 //! position and velocity. The test runs guard, supervisor and a simulated device. The firmware's own rules decide which
 //! commands are accepted.
 //!
-//! A twin gives the effect of position and velocity. It is a copy of sampler and supervisor from before the change. It
-//! gets the same counts, and uses the old settings for one more output.
+//! A twin gives the effect of position and velocity. The twin is a copy of sampler and supervisor from before the
+//! change. The twin gets the same counts, and uses the old settings for one more output.
 
 use host_sim::{
     plant::{Plant as _, PlantStep},
@@ -154,7 +154,7 @@ impl Loop {
         }
     }
 
-    /// The settings that the firmware would propose now; `None` if it refuses the command.
+    /// The settings that the firmware would propose now; `None` if the firmware refuses the command.
     fn ask(&self, ask: Ask) -> Option<Settings> {
         let mut settings = self.settings;
         let command = match ask {
@@ -194,7 +194,7 @@ fn ask() -> impl Strategy<Value = Ask> {
     ]
 }
 
-/// Numbers of events. They show that the test has covered these events.
+/// Numbers of events. The numbers show that the test has covered these events.
 #[derive(Debug, Default)]
 struct Seen {
     changes: u32,
@@ -205,7 +205,7 @@ struct Seen {
 }
 
 /// Runs a hit of 0.3 s with changes at these samples. Each change takes effect some samples after it was accepted.
-/// Compares each output with its twin.
+/// Compares each output with the twin's output.
 fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(), TestCaseError> {
     let mut real = start.clone();
     let mut twin = real.clone();
@@ -243,14 +243,14 @@ fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(),
         let force =
             |rendered: &Rendered| rendered.grant.force().map(|force| i64::from(force.bits()));
         let (Some(now), Some(kept)) = (force(&rendered), force(&kept)) else {
-            // Off by a fault: then the step of the force is not the step of a change.
+            // A fault has switched the force off. Then the step of the force does not come from a change.
             prop_assert!(rendered.record.fault != 0);
             return Ok(());
         };
-        // A correction that was fading before has also faded in the twin, by up to this value.
+        // If a correction was fading before, it has also faded in the twin, by up to this value.
         let fading = if before.flags.contains(Flags::CHANGING) { i64::from(SLEW) } else { 0 };
-        // If a wall was removed before the handle reached it, it gives no force. The force continues from the last
-        // force.
+        // If a wall was removed before the handle reached it, the removed wall gives no force. The force continues from
+        // its last value.
         let gone = twin_contact && !rendered.record.flags.contains(Flags::CONTACT);
         let kept = if gone { i64::from(before.force.bits()) } else { kept };
         let step = (now - kept).abs();
@@ -281,8 +281,8 @@ fn no_change_at_any_instant_of_a_hit_makes_the_force_step() {
     assert!(seen.refused_late > 5);
 }
 
-/// A wide filter follows every flicker of the counts. A very narrow filter must not take the slope of the last flicker
-/// for an acceleration. It must start from the velocity.
+/// A wide filter follows every flicker of the counts. A very narrow filter must not treat the slope of the last flicker
+/// as an acceleration. The narrow filter must start from the velocity.
 #[test]
 fn a_very_low_cutoff_does_not_go_on_from_the_slope_of_a_high_one() {
     let deviation = |restarted: bool| {
@@ -336,8 +336,8 @@ fn a_new_cutoff_keeps_the_state_of_the_filter() {
             largest = largest.max((velocity - speed).abs());
         }
     }
-    // The rest is the counts' own flicker of one count per sample. A wide filter passes it. A narrow filter after it
-    // then carries this past on.
+    // The remaining deviation is the flicker of the counts, one count per sample. A wide filter passes this flicker. A
+    // narrow filter that follows keeps the flicker in its state.
     println!("largest deviation {largest} of {speed} counts per sample");
     assert!(largest < 2.0, "{largest}");
 }
@@ -362,7 +362,7 @@ fn tuned() -> impl Strategy<Value = VelocitySettings> {
     })
 }
 
-/// Overshoot of an estimator after a step of speed, as a multiple of the speed. Also its delay after a step of
+/// Overshoot of an estimator after a step of speed, as a multiple of the speed. Returns also the delay after a step of
 /// acceleration, samples: the largest error minus one count, divided by the acceleration.
 fn swings(control: &LoopParameters) -> [f64; 2] {
     const SPEED: f64 = 100.0;
@@ -382,9 +382,10 @@ fn swings(control: &LoopParameters) -> [f64; 2] {
 }
 
 /// A new estimator during a motion starts as if the handle had always moved at the old estimator's last velocity. So
-/// its error has three parts. The first is its error if it had always run. The second is its response to two
-/// differences, the old estimator's error and its own. They fade, and swing as after a step of speed. The third comes
-/// from the acceleration, which it does not know yet. The change adds no other error.
+/// the error of the new estimator has three parts. The first part is the error that the new estimator would have if it
+/// had always run. The second part is the response to two differences: the error of the old estimator, and the error of
+/// the new estimator. This response fades, and swings as after a step of speed. The third part comes from the
+/// acceleration, which the new estimator does not know yet. The change adds no further error.
 #[test]
 fn an_exchanged_estimator_is_as_good_as_one_that_has_always_run() {
     const WARM_UP: u32 = 40_000;

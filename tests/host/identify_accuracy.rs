@@ -137,7 +137,8 @@ fn devices() -> Vec<Device> {
 
 const NAMES: [&str; 4] = ["m", "b", "k", "x0"];
 
-/// For each parameter: error over half-width of the interval, then error and half-width relative to the true value.
+/// For each parameter, three numbers: the error divided by the half-width of the interval; the error and the half-width
+/// relative to the true value.
 fn judged(found: &Identification, device: &Device) -> [[f64; 3]; 4] {
     let spring = found.spring.unwrap();
     [
@@ -158,7 +159,8 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Identifies every device with every seed. Prints coverage and widths. Returns the coverage over all of them.
+/// Identifies every device with every seed. Prints coverage and widths. Returns the coverage over all devices and
+/// seeds.
 fn campaign(name: &str, base: Made, seeds: u64) -> f64 {
     let cases: Vec<(Device, u64)> = devices()
         .into_iter()
@@ -445,7 +447,7 @@ fn a_sensor_that_rounds_and_one_without_counts_have_no_offset() {
     let rounded = Made { rounding: Rounding::Round, ..PLAIN };
     let found = identify(&[made(&rounded)], &options(&rounded)).unwrap();
     assert!(judged(&found, &PAPER).iter().all(|one| one[0] < 2.0));
-    // The offset itself: half a count of the rest position, which is known fifty times better.
+    // The error is the offset itself: half a count of the rest position.
     let wrong = Options { rounding: Rounding::Floor, ..options(&rounded) };
     let off = identify(&[made(&rounded)], &wrong).unwrap().spring.unwrap().rest_position_m;
     let own = found.spring.unwrap().rest_position_m;

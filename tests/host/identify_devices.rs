@@ -1,7 +1,8 @@
-//! `identify` of random exact devices. A device has mass and damping. It may have a spring, Coulomb or Stribeck
-//! friction, cogging, a slow amplifier, an offset force or a periodic error of the encoder. It runs in open loop, or in a loop of speed or position with the
-//! encoder's counts, at 100 Hz to 10 kHz, with rests. This file integrates the devices itself (Runge and Kutta of order
-//! 4, reversals by bisection). So it has no code of the fitted model.
+//! `identify` of random exact devices. A device has mass and damping. A device may have a spring, Coulomb or Stribeck
+//! friction, cogging, a slow amplifier, an offset force or a periodic error of the encoder. A device runs in open loop,
+//! or in a loop of speed or position with the encoder's counts, at 100 Hz to 10 kHz, with rests. This file integrates
+//! the devices itself (Runge and Kutta of order 4, reversals by bisection). So this file has no code of the fitted
+//! model.
 
 use std::{f64::consts::TAU, fmt::Write as _};
 
@@ -201,7 +202,7 @@ impl Case {
         let rows = (seconds * rate_hz) as usize;
         let step_s = 1.0 / rate_hz;
         let mass = decades!(0.02, 5.0);
-        // A speed, and the time to reach it. Force and damping follow from them.
+        // A speed, and the time to reach it. Force and damping follow from speed and time.
         let (speed, rise_s) = (decades!(0.02, 1.0), seconds * decades!(0.01, 0.2));
         let accelerates = mass * speed / rise_s;
         let damping = mass / (rise_s * decades!(0.2, 20.0));
@@ -367,12 +368,12 @@ impl Exact {
 
 #[derive(Clone, Debug, Default)]
 struct Verdict {
-    /// Each parameter, with its error over the half-width of its interval.
+    /// Each parameter, with its error divided by the half-width of its interval.
     pub off: Vec<(&'static str, f64)>,
     /// Whether a warning names a missing term, or a parameter that cannot be determined.
     pub warned: bool,
     pub invented: Vec<Term>,
-    /// Terms of the device that the model lacks, if the model's prediction is off by more than the encoder's error.
+    /// Terms of the device that the model lacks, if the model's prediction has a larger error than the encoder.
     pub missed: Vec<Term>,
 }
 
@@ -432,7 +433,7 @@ fn judged(case: &Case, found: &Identification) -> Verdict {
 struct Counts {
     pub cases: usize,
     pub answered: usize,
-    /// Number of parameters inside their intervals, and number of all.
+    /// Number of parameters inside their intervals, and number of all parameters.
     pub parameters: [usize; 2],
     pub silently_wrong: usize,
     pub invented: usize,
@@ -507,8 +508,8 @@ fn campaign(seeds: std::ops::Range<u64>, verbose: bool) -> Counts {
     counts
 }
 
-/// Smallest fraction of parameters inside their intervals. `SILENT` limits the devices with a parameter far outside and
-/// no warning, as a fraction of all devices. Both limits hold today. The intervals themselves promise 0.95 and 1.
+/// Smallest fraction of parameters inside their intervals. `SILENT` is the largest fraction of devices with a parameter
+/// far outside and no warning. Both limits are met today. The intervals themselves promise 0.95 of the parameters.
 const INSIDE: f64 = 0.8;
 const SILENT: f64 = 0.03;
 

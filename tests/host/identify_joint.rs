@@ -74,7 +74,7 @@ fn the_numbers_of_a_device_err_together_as_stated() {
         println!("{place}: {ratio:.2} of the stated deviation");
         assert!((0.6..1.2).contains(&ratio), "{place}: {ratio}");
     }
-    // A scene with the results can be read, and draws devices with these correlated errors.
+    // A scene with the results can be read. Devices drawn from this scene have these correlated errors.
     let scene = NamedScene::load("paper-1um").unwrap();
     let uncertainty = joint.uncertainty(None, &scene.scene, Drive::default());
     assert!((uncertainty.latency / (joint.deviations[5] * RATE_HZ) - 1.0).abs() < 1e-12);

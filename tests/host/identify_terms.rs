@@ -1,6 +1,6 @@
 //! `identify` of devices with dry friction, a slow amplifier, an offset force and a periodic encoder error. The values
-//! must be inside their intervals, and no term may be invented. The records are from the simulator's own plants. Their
-//! integrator has no code of the fitted model.
+//! must be inside their intervals, and no term may be invented. The records are from the simulator's own plants. The
+//! integrator of these plants has no code of the fitted model.
 
 use std::f64::consts::TAU;
 
@@ -103,7 +103,7 @@ impl Truth {
         Options {
             latency_s: LATENCY as f64 / RATE_HZ,
             spring,
-            // Given only if an offset must be distinguished from the rest position.
+            // The rest position is given only if an offset must be distinguished from a rest position.
             rest_position_m: spring.then_some(self.device.rest_position_m),
             ..Options::of_scene(&scene, Gain::Given(GAIN_N_PER_V))
         }
@@ -145,8 +145,8 @@ fn truths(count: usize, has: Has) -> Vec<Truth> {
         .collect()
 }
 
-/// Results for one parameter: how often its interval contains the true value. For a term also how often the model has
-/// the term.
+/// Results for one parameter: how often its interval contains the true value. For a term, there is also the number of
+/// models with this term.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     held: usize,

@@ -68,7 +68,7 @@ fn scene(point: &Point, stiffness_n_per_m: f64) -> Scene {
     scene
 }
 
-/// Amplitude in the sixth second divided by the amplitude in the third.
+/// Amplitude in the sixth second divided by the amplitude in the third second.
 fn growth(point: &Point, stiffness_n_per_m: f64) -> f64 {
     let prepared = PreparedScene::new(&scene(point, stiffness_n_per_m)).unwrap();
     let hit = WallHit {

@@ -23,7 +23,7 @@ fn prepare(scene: &str) -> PreparedScene {
     PreparedScene::new(&NamedScene::load(scene).unwrap().scene).unwrap()
 }
 
-/// The default sweep of both scenes. It is computed once.
+/// The default sweep of both scenes, computed once.
 fn default_sweep(numeric: Numeric) -> &'static [SweepResult] {
     static FIXED: OnceLock<Vec<SweepResult>> = OnceLock::new();
     static EXACT: OnceLock<Vec<SweepResult>> = OnceLock::new();

@@ -16,7 +16,7 @@ use crate::figure::figure;
 /// A hit, and values that only a simulator knows.
 struct Seen {
     report: HitReport,
-    /// Largest change of the counts' motion, counts. The controller's limit must allow for it.
+    /// Largest change of the counts' motion, counts. The controller's limit must allow this change.
     change: f64,
     /// Smallest energy that the acting force has exchanged with the true motion in a contact, J.
     given_true_j: f64,
@@ -33,7 +33,7 @@ fn seen(scene: &Scene, hit: &WallHit) -> Seen {
     let (full_scale_n, latency) = (scene.full_scale_n(), scene.actuator.latency_samples() as usize);
     let period = scene.actuator.period as usize;
     let surface = (scene.wall.position_m / scene.encoder.resolution_m).round();
-    // From output to output, in the order in which the forces act.
+    // The sums go from output to output, in the order in which the forces act.
     let mut sums = Sums::default();
     for (n, sample) in samples.iter().enumerate() {
         let Some(of) = n.checked_sub(latency) else { continue };
@@ -135,7 +135,7 @@ fn the_account_is_that_of_the_same_forces_and_counts() {
     }
 }
 
-/// A scene of the paper's device with a wall. The values that change its port most are random.
+/// A scene of the paper's device with a wall. The values that change the exchanged energy most are random.
 fn drawn(rng: &mut SmallRng) -> (Scene, WallHit) {
     let mut scene = paper();
     let mut log = |low: f64, high: f64| low * (high / low).powf(rng.random::<f64>());
@@ -163,8 +163,8 @@ fn drawn(rng: &mut SmallRng) -> (Scene, WallHit) {
     (scene, wall)
 }
 
-/// With the controller, no contact supplies more than the reserve, plus 2^-21 of the reserve for each output that
-/// spends it. This requires that the counts' motion changes by no more than the acceleration allows.
+/// With the controller, no contact supplies more than the reserve, plus 2^-21 of the reserve for each output that uses
+/// the reserve. This requires that the counts' motion changes by no more than the acceleration allows.
 #[test]
 fn no_contact_of_a_random_scene_gives_more_than_the_reserve() {
     campaign(1_000, true);
@@ -204,8 +204,8 @@ fn campaign(scenes: u32, told: bool) {
         let given_j = passive.report.port.given_j;
         let most_j = reserve_j * (1.0 + f64::from(passive.outputs) / 2f64.powi(21));
         assert!(!is_allowed || given_j <= most_j, "{n}: {given_j} of {most_j} J, {wall:?}");
-        // The true motion differs by one count at each change of force, and by a fraction of a sample in which the
-        // force changes.
+        // At a change of force, the true motion may differ from the counts by one count. Within the sample of the
+        // change, a part of the motion belongs to the old force.
         let unseen_j = passive.unseen_j * 2.0;
         assert!(!is_allowed || passive.given_true_j <= most_j + unseen_j, "{n}");
         gave += u32::from(plain.report.port.given_j > reserve_j);

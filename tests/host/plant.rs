@@ -74,7 +74,7 @@ fn energy_never_grows_unforced() {
         for _ in 0..100_000 {
             state = step.advance(&state, 0.0);
             let now = energy(state[0], state[1]);
-            // Each step rounds the state once. These roundings must not add up to a growth.
+            // Each step rounds the state once. The sum of these roundings must not make the motion grow.
             assert!(now <= last * (1.0 + 8.0 * f64::EPSILON), "{device:?}");
             assert!(now <= start * (1.0 + 1e-11), "{device:?}");
             last = now;

@@ -1,5 +1,5 @@
-//! The stiffness at which small oscillations begin to grow in the simulated loop. It is compared with the multirate
-//! envelope of the linear analysis. The two programs share only the equations.
+//! The stiffness at which small oscillations begin to grow in the simulated loop. The test compares this stiffness with
+//! the multirate envelope of the linear analysis. The two programs share only the equations.
 
 use std::ops::ControlFlow;
 
@@ -16,8 +16,8 @@ use rayon::prelude::*;
 
 use crate::figure::figure;
 
-/// Permanent bilateral contact, an actuator that never saturates, and 10 nm counts. So the loop is linear. It has its
-/// output period and latency.
+/// Permanent bilateral contact, an actuator that never saturates, and 10 nm counts. So the loop is linear. The output
+/// period stays the scene's, and the latency is `latency`.
 fn scene(latency: f64, stiffness_n_per_m: f64) -> Scene {
     const DEPTH_M: f64 = 1e-3;
     const DEFLECTION_M: f64 = 1e-4;
@@ -33,8 +33,9 @@ fn scene(latency: f64, stiffness_n_per_m: f64) -> Scene {
     scene
 }
 
-/// Whether the oscillation grows: its size reaches a limit at which the handle is still in the wall, or it is larger
-/// after six seconds than after one. It decays if it comes near the counts.
+/// Whether the oscillation grows. The oscillation grows if its size reaches a limit, at which the handle is still in
+/// the wall. The oscillation decays if its size falls below a limit near the counts. Otherwise the sizes after one
+/// second and after six seconds decide.
 fn grows(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64, stiffness_n_per_m: f64) -> bool {
     const LARGE_M: f64 = 6e-4;
     const SMALL_M: f64 = 1e-6;

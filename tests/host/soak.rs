@@ -57,14 +57,14 @@ fn a_day_in_contact_at_50_khz_does_not_drift() {
     }
 }
 
-/// At constant speed, the filter's sums always stay within the ripple of the counts. Its gain at 0 Hz is exactly one,
-/// to the last bit.
+/// At constant speed, the filter's sums always stay within the ripple of the counts. The filter's gain at 0 Hz is
+/// exactly one, to the last bit.
 #[test]
 #[ignore = "a minute; CI runs it"]
 fn a_day_at_constant_speed_the_velocitys_sum_is_the_way_to_one_count() {
     let filter = ButterworthDesign::new(300.0, RATE_HZ, false).unwrap().quantise();
     let mut state = BiquadState::default();
-    // Counts of a speed that is no whole count per sample: 0.3141592653.
+    // The speed is no whole number of counts per sample: 0.3141592653.
     let (mut phase, mut way, mut sum) = (0u32, 0i64, 0i64);
     let (mut least, mut most) = (i64::MAX, i64::MIN);
     for n in 0..HOURS * HOUR {

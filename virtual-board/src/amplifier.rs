@@ -100,7 +100,7 @@ impl Amplifier {
         state.sum
     }
 
-    /// Continues at `cycle` with this integral. Input since [`pause`](Self::pause) does not count.
+    /// Continues at `cycle` with this integral. Input since [`pause`](Self::pause) is ignored.
     pub(crate) fn go_on(&self, cycle: u64, sum: i64) {
         let mut state = self.state();
         state.accumulate(cycle);

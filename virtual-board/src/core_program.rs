@@ -42,7 +42,7 @@ impl Memories {
 
 #[derive(Clone)]
 pub struct Channels {
-    /// Bytes that the console has not read yet. The caller appends to them.
+    /// Bytes that the console has not read yet. The caller appends bytes.
     pub typed: VecDeque<u8>,
     /// Lines of replies that the host has not taken yet.
     pub replies: Vec<u8>,
@@ -56,7 +56,7 @@ pub struct Channels {
     in_force: LoopParameters,
 }
 
-/// Appends bytes to the host's buffer if all of them fit. Returns whether they fit.
+/// Appends bytes to the host's buffer if all bytes fit. Returns whether all bytes fit.
 fn put(up: &mut Vec<u8>, said: &[u8]) -> bool {
     let room = up.len() + said.len() <= UNREAD;
     if room {
@@ -140,7 +140,7 @@ impl Sampling for Down {
     }
 }
 
-/// The amplifier's enable, and the hardware that disables the amplifier without the program's help.
+/// The amplifier's enable, and the hardware that disables the amplifier without the program.
 #[derive(Clone, Debug, Default)]
 struct Enable {
     active: bool,
@@ -148,7 +148,7 @@ struct Enable {
     /// The stop was open at some time since the amplifier was last enabled.
     stop_noted: bool,
     supply_low: bool,
-    /// The supply was low at some time since the last output checked it.
+    /// The supply was low at some time since the last output checked the supply.
     supply_noted: bool,
 }
 
@@ -159,7 +159,7 @@ pub struct CoreProgram {
     guard: Guard,
     view: GuardView,
     down: Down,
-    /// A sample that is due for an output and has none yet.
+    /// A sample for which an output is due and has not run.
     pub due: Option<SampleReport>,
     reports: VecDeque<Report>,
     /// The newest report that the console has read.

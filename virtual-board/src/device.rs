@@ -30,7 +30,7 @@ const BUILT_IN: [(&str, &[u8]); BOARDS.len()] = [
 const CUTOFF_HZ: f64 = 1500.0;
 
 impl Elf {
-    /// The image with this record in place of its own. The rest of the flash sector is erased.
+    /// The image with this record in place of the image's own record. The rest of the flash sector is erased.
     ///
     /// # Errors
     /// The image is from an older firmware, which has no device record.
@@ -61,7 +61,7 @@ pub fn built_in(board: Board) -> &'static Device<'static> {
     device.get_or_init(|| read(bytes, board).expect("the record of a board is whole"))
 }
 
-/// Reads a record as a device. Its memory is never freed, since a program reads one record only.
+/// Reads a record as a device. The device's memory is never freed, since a program reads one record only.
 ///
 /// # Errors
 /// The record is not valid for that board.
@@ -69,11 +69,11 @@ pub fn read(record: &[u8], board: Board) -> Result<Device<'static>, Error> {
     Device::from_record(words(record).leak(), &board_facts(board.name)?).map_err(Error::input)
 }
 
-/// Checks that the board's record and the scene use the same units. An invalid record passes, since the board itself
-/// reports that error.
+/// Checks that the board's record and the scene use the same units. An invalid record is not an error here, since the
+/// board itself reports an invalid record.
 ///
 /// # Errors
-/// One handle is linear and the other rotary, or their radii differ.
+/// Of record and scene, one is linear and one is rotary, or the radii differ.
 pub fn same_units(record: &[u8], board: Board, scene: &Scene) -> Result<(), String> {
     let words = words(record);
     let facts = board_facts(board.name).map_err(|error| error.to_string())?;
@@ -90,7 +90,7 @@ pub fn same_units(record: &[u8], board: Board, scene: &Scene) -> Result<(), Stri
 /// Reads the record file of the option `--device`, for this scene.
 ///
 /// # Errors
-/// The file cannot be read, or its record has other units than the scene.
+/// The file cannot be read, or the record has other units than the scene.
 pub fn given(path: &Path, board: Board, scene: &NamedScene) -> Result<Vec<u8>, Error> {
     let bytes = load(path)?;
     same_units(&bytes, board, &scene.scene)

@@ -28,7 +28,7 @@ impl Elf {
     /// Reads a file.
     ///
     /// # Errors
-    /// The file cannot be read, or it is not a 32-bit little-endian ELF.
+    /// The file cannot be read, or the file is not a 32-bit little-endian ELF.
     pub fn load(path: &Path) -> Result<Self, Error> {
         Self::parse(input::read(path, input::PROGRAM)?, &path.display().to_string())
     }
@@ -57,7 +57,7 @@ impl Elf {
             .filter_map(|s| {
                 Some((s.name().ok()?.to_owned(), narrow(s.address()) & !1, narrow(s.size())))
             })
-            // Such a symbol stands for several statics that the compiler merged. Each static also has its own symbol.
+            // A symbol `.L..` names several statics that the compiler merged. Each static also has its own symbol.
             .filter(|(name, ..)| !name.starts_with(".L"))
             .collect();
         let sections = file

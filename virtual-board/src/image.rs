@@ -18,9 +18,9 @@ fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Builds the ELF of a board as `cargo firmware` does, in a separate target directory. So the `cargo` command that runs
-/// this code does not block it. Several processes build one after another. Adds the target to the tool chain if it is
-/// missing. Removes `RUSTFLAGS`, since these flags are for the host.
+/// Builds the ELF of a board as `cargo firmware` does, in a separate target directory. So the build does not wait for
+/// the `cargo` command that runs this code. Several processes build one after another. Adds the target to the tool
+/// chain if it is missing. Removes `RUSTFLAGS`, since these flags are for the host.
 ///
 /// # Errors
 /// The error of `cargo` or `rustup`.
@@ -28,7 +28,7 @@ pub fn build(board: &str) -> Result<PathBuf, String> {
     build_variant(board, &[])
 }
 
-/// As [`build`], with additional features of the firmware.
+/// Builds an image as [`build`] does, with additional features of the firmware.
 ///
 /// # Errors
 /// The error of `cargo` or `rustup`.
@@ -60,8 +60,8 @@ pub fn build_with_record(board: &str, record: &Path) -> Result<PathBuf, String> 
     })
 }
 
-/// Builds an archive or a program of the package `on-target` with the firmware's build options. Tests use it to check
-/// the compiled code of the core.
+/// Builds an archive or a program of the package `on-target` with the firmware's build options. With the result, tests
+/// check the compiled code of the core.
 ///
 /// # Errors
 /// The error of `cargo` or `rustup`.
@@ -75,7 +75,7 @@ pub fn build_on_target(file: &str, features: &[&str]) -> Result<PathBuf, String>
     })
 }
 
-/// As [`keep`] for an image, and puts the checksum into the copy.
+/// Copies an image as [`keep`] does, and puts the checksum into the copy.
 fn keep_sealed(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
     let mut elf = std::fs::read(built).map_err(|error| format!("{}: {error}", built.display()))?;
     seal::seal(&mut elf).map_err(|error| format!("{}: {error}", built.display()))?;

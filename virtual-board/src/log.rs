@@ -5,7 +5,7 @@ use defmt_decoder::{DecodeError, StreamDecoder, Table};
 /// Decodes the defmt stream of one ELF file.
 pub struct Decoder<'a> {
     stream: Box<dyn StreamDecoder + Send + Sync + 'a>,
-    /// The bytes of an incomplete frame. Frames are decoded independently of each other.
+    /// The bytes of an incomplete frame. Every frame can be decoded without earlier frames.
     pub(crate) begun: Vec<u8>,
 }
 
@@ -30,7 +30,7 @@ impl<'a> Decoder<'a> {
         Self { stream: table.new_stream_decoder(), begun: Vec::new() }
     }
 
-    /// Takes bytes in and returns the lines that are complete.
+    /// Adds bytes of the stream, and returns the lines that are now complete.
     ///
     /// # Errors
     /// A frame is malformed.

@@ -61,7 +61,7 @@ impl Rtt {
         self.address
     }
 
-    /// Reads the control block with one access; `None` if the program has not set it up.
+    /// Reads the control block with one access; `None` if the program has not set up the block.
     ///
     /// # Errors
     /// The memory could not be reached.
@@ -118,7 +118,7 @@ impl Block {
         [self.word(16), self.word(20)]
     }
 
-    /// Addresses and sizes of the buffers, by channel. The program sets them once.
+    /// Addresses and sizes of the buffers, by channel. The program sets addresses and sizes once.
     pub fn buffers(&self) -> [[u32; 2]; CHANNELS as usize] {
         [0, 1, 2, 3].map(|index| {
             let ring = self.ring(index);
@@ -167,7 +167,7 @@ pub struct Ring {
 }
 
 impl Ring {
-    /// Copies at most `room` bytes. Returns them with the reader's next offset. The bytes stay in the buffer.
+    /// Copies at most `room` bytes. Returns the bytes, and the reader's next offset. The bytes stay in the buffer.
     ///
     /// # Errors
     /// The memory could not be reached.
@@ -194,14 +194,14 @@ impl Ring {
         memory.write(self.at.wrapping_add(16), &next.to_le_bytes())
     }
 
-    /// Writes as many bytes as have room. Returns their number and the writer's next offset. Until
+    /// Writes as many bytes as have room. Returns the number of written bytes, and the writer's next offset. Until
     /// [`publish`](Self::publish) the program does not see the bytes.
     ///
     /// # Errors
     /// The memory could not be reached.
     pub fn fill<M: Memory>(&self, memory: &mut M, bytes: &[u8]) -> Result<(usize, u32), M::Error> {
         let Self { buffer, size, write, read, .. } = *self;
-        // One byte stays free, since a full buffer must differ from an empty one.
+        // One byte stays free, since a full buffer must differ from an empty buffer.
         let room = if read < size { (read + size - write - 1) % size } else { size - 1 };
         let bytes = &bytes[..bytes.len().min(room as usize)];
         let (first, second) = bytes.split_at(bytes.len().min((size - write) as usize));

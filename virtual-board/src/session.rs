@@ -58,7 +58,7 @@ pub struct BoardHit {
     pub rms_m: f64,
     /// Mean of the position, m.
     pub mean_m: f64,
-    /// Energy that the wall has absorbed in the last contact, and the largest energy that it has supplied in one
+    /// Energy that the wall has absorbed in the last contact, and the largest energy that the wall has supplied in one
     /// contact, J.
     pub port_j: [f64; 2],
     /// Result of each push of a quiet hit, in order; empty for other hits. The fields above have the results of the
@@ -67,7 +67,7 @@ pub struct BoardHit {
 }
 
 impl BoardHit {
-    /// Reads a hit from its last line, and from the lines of its pushes if it has several.
+    /// Reads a hit from its last line, and from the lines of its pushes if the hit has several pushes.
     ///
     /// # Errors
     /// The line is an error or not the result of a hit.
@@ -157,23 +157,24 @@ pub struct WalkReport {
 /// Samples after which a released handle is at rest.
 const REST_SAMPLES: u64 = 15_000;
 const ARM_SAMPLES: u64 = 4_000;
-/// Longest wait for a line of an experiment, samples. It includes cooling down, the return move and the hit.
+/// Longest wait for a line of an experiment, samples. This time includes cooling down, the return move and the hit.
 const LINE_SAMPLES: u64 = 3_000_000;
 
 impl Session {
     /// A session with this image and the device record of the scene. Without `elf` the board's image is built.
     ///
     /// # Errors
-    /// The image cannot be read or built, or it is not of this firmware.
+    /// The image cannot be read or built, or is not of this firmware.
     pub fn open(board: Board, elf: Option<&PathBuf>, scene: NamedScene) -> Result<Self, Error> {
         let record = device::record(&scene, board)?;
         Self::open_with(board, elf, scene, record)
     }
 
-    /// As [`open`](Self::open), but with this record in the image's flash. Without a record, the image's own is used.
+    /// Opens a session as [`open`](Self::open) does, but with this record in the image's flash. Without a record, the
+    /// image's own record is used.
     ///
     /// # Errors
-    /// As [`open`](Self::open).
+    /// The errors of [`open`](Self::open).
     pub fn open_with(
         board: Board,
         elf: Option<&PathBuf>,
@@ -187,11 +188,11 @@ impl Session {
         Self::of(board, Elf::load(&path)?, &path.display().to_string(), scene, record)
     }
 
-    /// A session with this image and this record in its flash. Without a record, the image's own is used. `origin` is
-    /// the image's name in errors.
+    /// A session with this image and this record in its flash. Without a record, the image's own record is used.
+    /// `origin` is the image's name in errors.
     ///
     /// # Errors
-    /// The image is for another board, or it is not of this firmware.
+    /// The image is for another board, or is not of this firmware.
     pub fn of(
         board: Board,
         elf: Elf,
@@ -225,18 +226,19 @@ impl Session {
     }
 
     /// Boots the board while a hand holds the handle at the scene's 0, and sets the zero there. So the board's
-    /// positions are the scene's. Then releases the handle and waits until it rests.
+    /// positions are the scene's. Then releases the handle and waits until the handle rests.
     ///
     /// # Errors
-    /// As [`boot`](Self::boot), or the board refused `zero`.
+    /// The errors of [`boot`](Self::boot), or the board refused `zero`.
     pub fn boot_at_zero(&self) -> Result<World<'_>, Failed> {
         self.zeroed(false)
     }
 
-    /// As [`boot_at_zero`](Self::boot_at_zero), but returns when the hand has just released the handle.
+    /// Boots the board as [`boot_at_zero`](Self::boot_at_zero) does, but returns when the hand has just released the
+    /// handle.
     ///
     /// # Errors
-    /// As [`boot_at_zero`](Self::boot_at_zero).
+    /// The errors of [`boot_at_zero`](Self::boot_at_zero).
     pub fn boot_and_let_go(&self) -> Result<World<'_>, Failed> {
         self.let_go(false)
     }
@@ -397,12 +399,13 @@ pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
 /// Sends several lines as [`ask`] does.
 ///
 /// # Errors
-/// As [`ask`].
+/// The errors of [`ask`].
 pub fn ask_each(world: &mut World<'_>, lines: &[impl AsRef<str>]) -> Result<(), Failed> {
     lines.iter().try_for_each(|line| ask(world, line.as_ref()).map(drop))
 }
 
-/// The commands that tune the scene's estimator and select it. The firmware refuses an estimator that it does not have.
+/// The commands that tune the scene's estimator and select this estimator. The firmware refuses an estimator that is
+/// not in the image.
 fn tuning(
     board: Board,
     scene: &Scene,

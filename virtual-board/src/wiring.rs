@@ -4,7 +4,7 @@ use crate::mcu::Pin;
 pub struct Wiring {
     /// Channels A and B of the encoder.
     pub encoder: [Pin; 2],
-    /// Pins of TIM3's channels 1 and 2 that also get A and B and capture the times of their edges.
+    /// Pins of TIM3's channels 1 and 2, if A and B are also wired to TIM3. Then TIM3 captures the times of the edges.
     pub captured: Option<[Pin; 2]>,
     pub force: Force,
     /// Amplifier enable, active high.

@@ -1,5 +1,6 @@
-//! A plain scalar `f64` loop with the equations of a wall hit, the reference of the benchmarks. From the simulator it
-//! takes only the filter's coefficients. At the boundary the loop is in a limit cycle, so no state becomes subnormal.
+//! A plain scalar `f64` loop with the equations of a wall hit, the reference of the benchmarks. The loop takes only the
+//! filter's coefficients from the simulator. At the boundary the loop is in a limit cycle, so no state becomes
+//! subnormal.
 
 use host_sim::simulation::twin::LowPass;
 use zwidth::velocity::ButterworthDesign;
@@ -58,7 +59,7 @@ const T: f64 = 1e-4;
 pub fn plain(mut filter: impl Filter, stiffness: f64, damping: f64) -> f64 {
     let (mass, b, k, rest) = (0.4160, 5.5195, 11.0626, 0.0517);
     let (t, resolution, full_scale, push) = (T, 1e-6, 5.906, 2.835);
-    // With four terms of the matrix exponential, a step costs as much as the exact step.
+    // With four terms of the matrix exponential, a step takes as long as the exact step.
     let (kk, bb) = (k / mass, b / mass);
     let xx = 1.0 - kk * t * t / 2.0;
     let xv = t - bb * t * t / 2.0;

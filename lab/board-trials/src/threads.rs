@@ -15,7 +15,7 @@ pub fn cores() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
 }
 
-/// Runs `count` jobs, one after another on each thread. Returns the results in the order of the jobs.
+/// Runs `count` jobs. Each thread runs one job after another. Returns the results in the order of the jobs.
 pub fn on_threads<S, T: Send>(
     count: usize,
     threads: usize,

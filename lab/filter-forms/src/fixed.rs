@@ -1,9 +1,9 @@
 //! Direct forms in fixed point, by the core's rules, with or without error feedback. For Q15 each word is half as wide.
 //!
 //! A coefficient has two bits before the point, because `|a1|` reaches 1.98. The other bits are after the point: 30
-//! bits in a 32-bit word, 14 bits in Q15. The core's rule makes the DC gain exactly one, the best that these words
-//! allow. Without this rule each coefficient would be rounded separately. Then Q15 at 20 Hz and 10 kHz would have `b0 =
-//! 1` and `1 + a1 + a2 = 2` LSB, which is a DC gain of 2.
+//! bits in a 32-bit word, 14 bits in Q15. The core's rule makes the DC gain exactly one. This is the best that these
+//! words allow. Without this rule each coefficient would be rounded separately. Then Q15 at 20 Hz and 10 kHz would have
+//! `b0 = 1` and `1 + a1 + a2 = 2` LSB, which is a DC gain of 2.
 //!
 //! A sum of products fits into the wide word with the same margin as in the core: `|b0| + .. + |a2| < 4`.
 
@@ -35,7 +35,8 @@ pub(crate) fn round(value: f64) -> f64 {
 }
 
 impl<W: Word> Coefficients<W> {
-    /// Coefficients by the core's rule: `b0`, `a2` and the DC sum `4 b0` are rounded. `a1` and `b1` follow from them.
+    /// Coefficients by the core's rule: `b0`, `a2` and the DC sum `4 b0` are rounded. `a1` and `b1` follow from these
+    /// values.
     ///
     /// # Errors
     /// The DC sum rounds to 0, so the output could not move.
@@ -60,7 +61,7 @@ fn sum<W: Word>(c: &Coefficients<W>, x: [W; 3], y: [W; 2]) -> W::Wide {
         - c.a[1].times(y[1])
 }
 
-/// Direct form 1 without error feedback. It saturates as the core does.
+/// Direct form 1 without error feedback. The output saturates as in the core.
 #[derive(Clone, Copy, Debug)]
 pub struct Direct1<W: Word> {
     c: Coefficients<W>,

@@ -1,8 +1,8 @@
-//! State-variable and delta form in fixed point. Their states are integrators in wide words. So the important
-//! coefficients are accurate even at a low cutoff.
+//! State-variable and delta form in fixed point. The states of both forms are integrators in wide words. So the
+//! important coefficients are accurate even at a low cutoff.
 //!
 //! The equations are in [`crate::float`]. The delta form feeds its rounded output back through both integrators. This
-//! acts as second-order error feedback. The state-variable form continues with the value before rounding. So its
+//! acts as second-order error feedback. The state-variable form continues with the value before rounding. So the
 //! rounding error is not fed back and not shaped.
 
 use crate::{
@@ -64,7 +64,8 @@ pub struct Delta<W: Word> {
     /// The coefficient is stored as the integer `alpha1 2^alpha1_bits`.
     alpha1: W,
     alpha1_bits: u32,
-    /// The coefficient is stored as the integer `alpha2 2^alpha2_bits`. It is also the numerator's middle coefficient.
+    /// The coefficient is stored as the integer `alpha2 2^alpha2_bits`. `alpha2` is also the numerator's middle
+    /// coefficient.
     alpha2: W,
     alpha2_bits: u32,
     /// Bits of the first state below the signal's LSB, at most `alpha2_bits`.

@@ -9,9 +9,9 @@
 //! For the core's own filter, the core's code is called. Some combinations are left out, because they would show
 //! nothing new:
 //!
-//! * error feedback in the transposed form: its sums are those of direct form 1. So the outputs would be equal to the
-//!   core's, bit for bit. [`fixed::Direct2Transposed`] shows this without feedback.
-//! * error feedback in the state-variable form: its rounded output is not fed back, so no error is carried on.
+//! * error feedback in the transposed form: the sums are those of direct form 1. So the outputs would be equal to the
+//!   core's, bit for bit. A test of [`fixed::Direct2Transposed`] shows this for both forms without feedback.
+//! * error feedback in the state-variable form: the rounded output is not fed back, so there is no error to correct.
 //! * error feedback in the delta form: the form itself acts as error feedback, see [`integrators`].
 //! * the state-variable form of Chamberlin (1980): it has another transfer function, and is unstable from about a sixth
 //!   of the rate on. The state-variable form here has the same bilinear transform as all other forms.
@@ -169,14 +169,15 @@ pub trait Step: Copy {
         self.step(Signal::of_velocity(input, fraction)).to_velocity(fraction)
     }
 
-    /// As [`velocity`](Self::velocity), but the output is in counts per sample, with all digits of the format.
+    /// Does the same as [`velocity`](Self::velocity), but the output is in counts per sample, with all digits of the
+    /// format.
     #[inline]
     fn counts(&mut self, input: i32, fraction: u32) -> f64 {
         self.step(Signal::of_velocity(input, fraction)).to_counts(fraction)
     }
 }
 
-/// An operation on a form. The compiler makes a version of it for each form.
+/// An operation on a form. The compiler makes a version of the operation for each form.
 pub trait Visit {
     type Output;
 
@@ -205,8 +206,8 @@ impl Filter {
             Format::I32 => Kind::I32(Fixed::fixed(variant.form, &p)?),
             Format::Q15 => Kind::Q15(Fixed::fixed(variant.form, &p)?),
             Format::Q15Feedback => {
-                // The core chooses the order of the feedback. If it refuses the cutoff, the cutoff is too low, and the
-                // order is 2.
+                // The core chooses the order of the feedback. If the core refuses the cutoff, the cutoff is too low,
+                // and the order is 2.
                 let shaping = design.map_or(Shaping::Second, |design| design.quantise().shaping());
                 let c = Coefficients::exact_at_dc(&p)?; // 16-bit coefficients
                 Kind::Q15Feedback(fixed::Direct1Feedback::new(c, shaping))
@@ -245,7 +246,7 @@ impl Filter {
         self.visit(Update(input))
     }
 
-    /// Updates the filter by all samples in their order. Each output replaces its input.
+    /// Updates the filter by all samples in their order. The outputs replace the inputs.
     pub fn update_all(&mut self, samples: &mut [i32]) {
         self.visit(UpdateAll(samples));
     }

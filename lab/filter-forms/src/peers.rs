@@ -1,9 +1,9 @@
-//! The same filter from other libraries. The biquads of idsp are called from idsp. The biquads of CMSIS-DSP in Q31 are
-//! written here from their published arithmetic.
+//! The same filter from other libraries. The biquads of idsp are the code of idsp. The biquads of CMSIS-DSP in Q31 are
+//! written here from the published arithmetic.
 //!
 //! All filters have the coefficients of the core's rule ([`Coefficients::exact_at_dc`]). `a1` and `a2` have the
 //! opposite sign, because these libraries add the feedback terms. CMSIS-DSP has the format 1.31 with a `postShift` of
-//! 1. This also gives 30 fractional bits.
+//! 1. This format also has 30 fractional bits.
 
 use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess as _;
@@ -75,9 +75,9 @@ impl Step for IdspWide {
 }
 
 /// `arm_biquad_cascade_df1_q31`, one stage. By its documentation, the 64-bit accumulator in 2.62 format keeps all bits
-/// of the products and has one guard bit. It wraps and does not saturate. After five products it is shifted by
-/// `postShift`. It is truncated to 1.31: the low 32 bits are discarded. The input must be scaled down by two bits to
-/// avoid overflow.
+/// of the products and has one guard bit. The accumulator wraps and does not saturate. After five products the
+/// accumulator is shifted by `postShift`, and truncated to 1.31: the low 32 bits are discarded. The input must be
+/// scaled down by two bits to avoid overflow.
 #[derive(Clone, Copy, Debug)]
 pub struct CmsisQ31 {
     ba: [i32; 5],

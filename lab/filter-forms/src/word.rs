@@ -35,7 +35,7 @@ pub trait Word: Copy + PartialEq {
     fn times_wide(self, other: Self::Wide, bits: u32) -> Self::Wide;
     /// The word nearest to `value`.
     fn clipped(value: Self::Wide) -> Self;
-    /// A whole number as a word. It must fit.
+    /// A whole number as a word. The number must fit into the word.
     fn of_f64(value: f64) -> Self;
 }
 
@@ -98,7 +98,8 @@ word!(
     |value| value.clamp(i16::MIN.into(), i16::MAX.into()) as i16,
     |word, wide, bits| ((i64::from(word) * i64::from(wide) + (1 << (bits - 1))) >> bits) as i32
 );
-// Two products of 32-bit words, as in the core's multiplier. Their sum is below 2^63 if |wide| is below 2^62.
+// Two products of 32-bit words, as in the core's multiplier. The sum of the two products is below 2^63 if |wide| is
+// below 2^62.
 word!(
     i32,
     i64,

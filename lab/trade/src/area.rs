@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// The core's finite difference with a filter of any format after it. Wall, saturation and output codes are the core's.
-/// So only the filter differs. With the core's own filter, the result is the core's.
+/// So only the filter differs. With the core's own filter, the result equals the core's result.
 #[derive(Clone, Copy, Debug)]
 pub struct Filtered {
     core: Fixed,
@@ -102,7 +102,7 @@ impl Areas {
         if self.mean() > 0.0 { (high - low) / self.mean() } else { 0.0 }
     }
 
-    /// Relative difference of the mean area from the reference's. `None` if the reference has no area.
+    /// Relative difference of the mean area from the mean area of the reference. `None` if the reference has no area.
     pub fn change(&self, reference: &Self) -> Option<f64> {
         (reference.mean() > 0.0).then(|| self.mean() / reference.mean() - 1.0)
     }
@@ -131,8 +131,8 @@ pub fn boundary(
     })
 }
 
-/// Areas of all variants, and for each variant of all cutoffs. `None` if the format cannot have the cutoff. `done` is
-/// called after each walk.
+/// Areas of each variant at each cutoff: all cutoffs of the first variant, then all cutoffs of the second variant, and
+/// so on. `None` if the format cannot have the cutoff. `done` is called after each walk.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -144,7 +144,7 @@ pub fn measure(
     stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<Vec<Option<Areas>>, Error> {
-    // Walks at high cutoffs take longest, so they start first.
+    // Walks at high cutoffs take longest, so these walks start first.
     let jobs: Vec<(usize, usize, u32)> = (0..cutoffs_hz.len())
         .rev()
         .flat_map(|cutoff| (0..Variant::ALL.len()).map(move |variant| (cutoff, variant)))

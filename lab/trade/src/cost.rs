@@ -15,7 +15,7 @@ pub fn of(variant: Variant) -> Option<Cost> {
 const SAMPLES: u32 = 50_000;
 const RUNS: u32 = 5;
 
-/// Time of one update on this machine, ns: the minimum of several runs. It differs from call to call.
+/// Time of one update on this machine, ns: the minimum of several runs. This time differs from call to call.
 pub fn host_ns(filter: &Filter) -> f64 {
     struct Time;
     impl Visit for Time {
@@ -25,8 +25,8 @@ pub fn host_ns(filter: &Filter) -> f64 {
             let start = Instant::now();
             let mut input = 0i32;
             for n in 0..SAMPLES {
-                // The input is in the range of a hand's speed. It contains the last output, so that the compiler cannot
-                // remove an update.
+                // The input is in the range of a hand's speed. The input depends on the last output, so that the
+                // compiler cannot remove an update.
                 input = (input >> 8) + if n % 3 == 0 { 1 << 20 } else { 0 };
                 input = form.velocity(input, fraction);
             }

@@ -20,7 +20,7 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Mean error at a constant speed, counts per sample. The ripple of the counts adds 10^-6 to it.
+    /// Mean error at a constant speed, counts per sample. The ripple of the counts adds 10^-6.
     pub fn bias_counts(&self) -> f64 {
         self.drift_counts / f64::from(drift::SAMPLES)
     }
@@ -63,12 +63,12 @@ pub const CUTOFF: f64 = 0.01;
 /// Largest allowed bias, noise or limit cycle, as a share of the encoder's RMS. Noise of this size adds 0.5 % to the
 /// RMS. One LSB of the core's velocity is always allowed, because the wall gets no more digits.
 pub const NOISE: f64 = 0.1;
-/// Largest allowed change of the area. The spread of the area with the exact filter is added to it.
+/// Largest allowed change of the area. The spread of the area with the exact filter is added to this limit.
 pub const AREA: f64 = 0.02;
 
 const LSB: f64 = 1.0 / LSB_PER_COUNT;
 
-/// Allowed error, if the encoder causes an RMS of `encoder`. Both are in counts per sample.
+/// Allowed error, if the encoder causes an RMS of `encoder`. Error and RMS are in counts per sample.
 pub fn allowed_noise(encoder: f64) -> f64 {
     (NOISE * encoder).max(LSB)
 }

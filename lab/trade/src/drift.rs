@@ -8,8 +8,8 @@ use super::{Bench, larger, response::SETTLE_PERIODS};
 
 /// Number of samples over which the drift is measured.
 pub const SAMPLES: u32 = 1_000_000;
-/// The two speeds, each as counts per number of samples. Both are low, because a dead zone has the most effect at low
-/// speeds. A gain error at high speed belongs to the error of the response.
+/// Two speeds, each as a number of counts and a number of samples. Both speeds are low, because a dead zone has the
+/// most effect at low speeds. A gain error at high speed belongs to the error of the response.
 const SPEEDS: [(i64, i64); 2] = [(3, 10), (-1, 1000)];
 
 /// Largest span of `sum(out - in)` over [`SAMPLES`] samples, of all constant speeds, counts.

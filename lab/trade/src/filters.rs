@@ -47,7 +47,8 @@ pub struct Filters {
 /// The reference of the areas: the filter nearest to the exact filter.
 pub const REFERENCE: Variant = Variant { format: Format::F64, form: Form::StateVariable };
 
-/// Cutoff at which the time of an update on this machine is measured, as a share of the rate. Every format can have it.
+/// Cutoff at which the time of an update on this machine is measured, as a share of the rate. Every format can have
+/// this cutoff.
 const TIMED_AT: f64 = 0.15;
 
 /// Measures all filters. `done` is called after each walk and each filter.

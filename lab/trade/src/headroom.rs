@@ -4,12 +4,12 @@ use filter_forms::Filter;
 
 use super::{Bench, LSB_PER_COUNT, larger, reference::Reference};
 
-/// Periods of the cutoff before the reversal of the speed. `AFTER` are the periods that are measured after it. The
-/// overshoot comes after 0.7 periods.
+/// Periods of the cutoff before the reversal of the speed. `AFTER` are the periods that are measured after the
+/// reversal. The overshoot comes after 0.7 periods.
 const BEFORE: f64 = 2.0;
 const AFTER: f64 = 1.2;
-/// Lowest tried speed, as a share of Q15's full scale. The highest is in counts per sample. Neighbouring speeds have a
-/// constant ratio.
+/// Lowest tried speed, as a share of Q15's full scale. `FASTEST_COUNTS` is the highest, in counts per sample. `STEP` is
+/// the ratio of neighbouring speeds.
 const SLOWEST: f64 = 1.0 / 16.0;
 const FASTEST_COUNTS: f64 = 32_767.0;
 const STEP: f64 = 1.25;
@@ -34,9 +34,9 @@ impl Reversal {
     }
 
     /// Largest speed, counts per sample, at which the filter neither wraps nor saturates during the reversal. The
-    /// extremes of its output must differ from the exact extremes by at most a twentieth of the overshoot. A filter may
-    /// have other errors, so the extremes may instead agree with those at half the speed. `None` if these errors hide
-    /// the overflow at every speed.
+    /// lowest and highest output must differ from those of the exact filter by at most a twentieth of the overshoot.
+    /// For a filter with other errors, the outputs may instead agree with its outputs at half the speed. `None` if
+    /// these errors hide the overflow at every speed.
     pub fn measure(&self, filter: &Filter) -> Option<f64> {
         let mut low = FASTEST_COUNTS;
         let mut high = None;
@@ -68,7 +68,7 @@ impl Reversal {
             .exact
             .iter()
             .fold([0.0, 0.0], |[low, high]: [f64; 2], &v| [low.min(v), high.max(v)]);
-        // An output that hardly moves says nothing about overflow.
+        // An output that hardly moves does not show an overflow.
         let near = |a: f64, b: f64| b.abs() > 0.5 && (a - b).abs() <= TOLERANCE * b.abs();
         (near(low, exact[0]) || near(low, half_low))
             && (near(high, exact[1]) || near(high, half_high))
@@ -96,7 +96,7 @@ mod tests {
     use crate::{Variant, scene::NamedScene};
     use filter_forms::{Form, Format};
 
-    /// The reversal has an overshoot of 8.6 %. It must fit into the full scale too.
+    /// The reversal has an overshoot of 8.6 %. The overshoot must also fit into the full scale.
     #[test]
     fn it_is_full_scale_less_the_overshoot() {
         let bench = Bench::of(&NamedScene::load("paper-1um").unwrap().scene);

@@ -3,12 +3,12 @@
 //! # The filter
 //!
 //! A [`Variant`] is a number format with a form (crate `filter-forms`). The filters of `idsp` and CMSIS-DSP are also
-//! variants. Each variant runs on the same inputs at every cutoff. Nothing is computed from its coefficients:
+//! variants. Each variant runs on the same inputs at every cutoff. No result is computed from the coefficients:
 //! | what | how | module |
 //! |------|-----|--------|
-//! | error of the response | largest `abs(H - H_exact)` for a DC gain of 1, from sines of half the full scale of Q15. Their frequencies are 1/4 to 2 times the -3 dB frequency, up to 0.45 of the rate. Whole periods after the transient are measured | [`response`] |
+//! | error of the response | largest `abs(H - H_exact)` for a DC gain of 1, from sines of half the full scale of Q15. The frequencies of the sines are 1/4 to 2 times the -3 dB frequency, up to 0.45 of the rate. Whole periods after the transient are measured | [`response`] |
 //! | error of the -3 dB frequency | the frequency at which the measured gain is 0.707 | [`response`] |
-//! | DC drift and bias | span of `sum(out - in)` over 10^6 samples at constant speeds. It includes about 1 count for the ripple of the counts. Bias is the drift per sample | [`drift`] |
+//! | DC drift and bias | span of `sum(out - in)` over 10^6 samples at constant speeds. The span includes about 1 count of ripple. Bias is the drift per sample | [`drift`] |
 //! | noise | RMS distance from the exact filter on a flickering count and on a quantised ramp, including the first sample | [`noise`] |
 //! | limit cycle | largest output later than 20 / fc after the stop of the input | [`rest`] |
 //! | headroom | largest speed at which a sudden reversal neither wraps nor clips | [`headroom`] |
@@ -18,18 +18,19 @@
 //! *Exact* means the bilinear transform in closed form. For signals, *exact* means a state-variable filter in
 //! double-double arithmetic ([`mod@reference`]), because `f64` also has a rounding error.
 //!
-//! A variant *would do* at a cutoff if it exceeds no [`Criterion`]. Its error is then below the encoder's error.
+//! A variant *would do* at a cutoff if it exceeds no [`Criterion`]. The error of this variant is then below the
+//! encoder's error.
 //!
 //! # The plant
 //!
 //! Every method to advance the plant replays the commands of one wall hit, repeats hits on both sides of the boundary,
-//! and walks along the boundary ([`plant`]). Its cost is counted: evaluations of the plant's equation times the
-//! operations of one evaluation.
+//! and walks along the boundary ([`plant`]). The cost of a method is a number of operations: evaluations of the plant's
+//! equation times the operations of one evaluation.
 //!
 //! # Reproducible
 //!
-//! All columns except `*_ns` are the same in every run, to the last digit, with any number of threads. Figures show the
-//! counted cost and never a time.
+//! All columns except `*_ns` are the same in every run, to the last digit, with any number of threads. The figures of
+//! methods show the number of operations and never a time.
 
 pub mod area;
 pub mod cost;
@@ -63,9 +64,9 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// The settings of a scene. Q15 is scaled to the scene: its full scale in counts per sample is the smallest power
-    /// of two above the highest speed at which the handle can hit the wall. This speed follows from the push and the
-    /// device's spring, without friction.
+    /// The settings of a scene. Q15 is scaled to the scene: the full scale of Q15, in counts per sample, is the
+    /// smallest power of two above the highest speed at which the handle can hit the wall. This speed follows from the
+    /// push and the device's spring, without friction.
     pub fn of(scene: &Scene) -> Self {
         let (device, hit) = (&scene.device, &scene.wall_hit);
         let spring = |x: f64| 0.5 * device.stiffness_n_per_m * (x - device.rest_position_m).powi(2);

@@ -1,11 +1,11 @@
 //! Difference between the outputs of a filter and of the exact filter for the same counts. Wrong coefficients, rounding
-//! and dead zones all contribute to it.
+//! and dead zones all contribute to this difference.
 
 use filter_forms::Filter;
 
 use super::{Bench, larger, reference::Reference};
 
-/// Speed of the ramp, counts per sample. Like the speed of a hand, it is no simple fraction.
+/// Speed of the ramp, counts per sample. The number is no simple fraction, as for the speed of a hand.
 pub const RAMP_COUNTS: f64 = 0.123_606_797_749_978_97;
 /// Smallest number of samples. `PERIODS` is the smallest number of periods of the cutoff.
 const SAMPLES_MIN: u32 = 100_000;
@@ -17,7 +17,8 @@ pub struct Motions {
     /// Count differences, and exact outputs in counts per sample.
     rest: (Vec<i8>, Vec<f64>),
     ramp: (Vec<i8>, Vec<f64>),
-    /// RMS of the encoder's flicker and of its steps, in the exact output, counts per sample.
+    /// RMS in the exact output, counts per sample. At rest, the flicker of the encoder's count causes this RMS. In
+    /// motion, the steps of the count cause this RMS.
     pub encoder: Noise,
 }
 

@@ -19,7 +19,7 @@ pub struct Reference {
 
 impl Reference {
     pub fn new(cutoff_hz: f64, rate_hz: f64) -> Self {
-        // For all variants, w is the same number of 53 bits. All results from it are exact.
+        // All variants have the same `w`, an `f64`. From `w` on, the reference computes in double-double arithmetic.
         let g = Double::from(Prototype::new(cutoff_hz, rate_hz).g());
         let [one, two, half] = [1.0, 2.0, 0.5].map(Double::from);
         // 1/sqrt(2) and 1/(1 + g (g + sqrt(2))): y (3 - 2 y^2) / 2 and y (2 - q y)

@@ -23,7 +23,7 @@ pub fn exact(p: &Prototype, frequency: f64) -> Complex<f64> {
     Complex::new(1.0 - ratio * ratio, SQRT_2 * ratio).inv()
 }
 
-/// The inputs for one cutoff. All variants use them.
+/// The inputs for one cutoff. All variants use the same inputs.
 #[derive(Clone, Debug)]
 pub struct Tones {
     prototype: Prototype,

@@ -1,4 +1,5 @@
-//! Largest output after the handle has stopped. It shows a limit cycle, or an output that does not return to 0.
+//! Largest output after the handle has stopped. A large value means a limit cycle, or an output that does not return to
+//! 0.
 
 use filter_forms::Filter;
 
@@ -6,7 +7,8 @@ use super::{Bench, LSB_PER_COUNT, larger};
 
 /// Periods of the cutoff after which the exact output is below 10^-38 of its value at the stop.
 const PERIODS: f64 = 20.0;
-/// Then the output is measured for at least this number of samples, and for at least `WATCHED_PERIODS`.
+/// Smallest number of samples of the measurement after these periods. `WATCHED_PERIODS` is the smallest number of
+/// periods of this measurement.
 const WATCHED: u32 = 5000;
 const WATCHED_PERIODS: f64 = 1.0;
 /// Smallest number of samples for which the handle moves at random.

@@ -8,7 +8,8 @@ use super::{
     plant::Plants,
 };
 
-/// Whether each point is on the Pareto front. Then no other point is smaller in one value and not larger in the other.
+/// Whether each point is on the Pareto front. On the front, no other point is better: smaller in one value, and smaller
+/// or equal in the second value.
 pub fn pareto(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     let beaten = |[x, y]: [f64; 2]| {
         points.iter().flatten().any(|&[u, v]| u <= x && v <= y && (u < x || v < y))

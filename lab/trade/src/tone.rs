@@ -1,5 +1,5 @@
-//! Sines with a whole number of periods in a whole number of samples. The response is a sum over this window. So it has
-//! no spectral leakage.
+//! Sines with a whole number of periods in a whole number of samples. The response is a sum over this window. So there
+//! is no spectral leakage.
 
 use std::f64::consts::PI;
 

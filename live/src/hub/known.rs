@@ -39,9 +39,9 @@ pub struct Stopped {
 /// What is known about the board.
 #[derive(Debug, Default)]
 pub struct Known {
-    /// The newest record of an output; records from the black box do not count.
+    /// The newest record of an output; records from the black box are ignored.
     pub record: Option<Record>,
-    /// The last reply to `get`. The last replies to `status` and `version` have these names.
+    /// The last reply to `get`. `status` and `version` are the last replies to the commands of the same names.
     pub settings: String,
     /// Number of the last line before the reply to `get`.
     pub settings_after: u64,

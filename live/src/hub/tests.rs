@@ -142,14 +142,15 @@ fn the_promise_is_kept_while_somebody_is_there_and_no_longer() {
     assert!(hub.now() > end, "while somebody is there");
     let words = count(&board, "alive 200");
     board.shows(1, Flags::default());
-    // Otherwise the next user would have to send `alive` after `arm`.
+    // Without `alive 0`, the next user would have to send `alive` after `arm`.
     until("the end of the promise", || count(&board, "alive 0") == 1);
     assert_eq!(count(&board, "alive 200"), words);
     hub.end();
     thread.join().unwrap();
 }
 
-/// An incomplete line of an earlier host does not become a command. Its reply is not taken for a reply to this host.
+/// An incomplete line of an earlier host does not become a command. The reply to the incomplete line is not mistaken
+/// for a reply to this host.
 #[test]
 fn half_a_line_of_a_dead_host_is_ended_before_the_first_command() {
     let board = Board::default();

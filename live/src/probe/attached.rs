@@ -10,7 +10,7 @@ use virtual_board::{link, rtt::Memory};
 /// The chip with this name.
 ///
 /// # Errors
-/// No chip has this name; one line of text.
+/// No chip has this name. The error is one line of text.
 pub fn target(chip: &str) -> Result<Target, String> {
     let found = Registry::from_builtin_families().get_target_by_name(chip).ok();
     found.filter(|target| target.name.starts_with("STM32F4")).ok_or_else(|| {
@@ -25,7 +25,7 @@ impl Attached {
     /// Attaches to the chip.
     ///
     /// # Errors
-    /// The probe finds no such chip; one line of text.
+    /// The probe does not find this chip. The error is one line of text.
     pub fn to(probe: Probe, target: Target) -> Result<Self, String> {
         // With these permissions nothing is erased or unlocked.
         let session = probe.attach(target, Permissions::new());

@@ -16,7 +16,7 @@ const RULES: &str = "on Linux a user needs udev rules for probes (https://probe.
 /// The requested probe. `wanted` is `VID:PID[:SERIAL]`, or empty for the only probe.
 ///
 /// # Errors
-/// No probe, several probes, or a probe that this user may not open; one line of text.
+/// No probe, several probes, or a probe that this user may not open. The error is one line of text.
 pub fn one(lister: &Lister, wanted: &str) -> Result<DebugProbeInfo, String> {
     let selector = match wanted {
         "" => None,
@@ -59,10 +59,11 @@ fn listed(all: &[DebugProbeInfo]) -> String {
     all.iter().map(each).collect::<Vec<_>>().join(", ")
 }
 
-/// Opens the probe for this process alone. This does not affect the board.
+/// Opens the probe for this process alone. The board is not affected.
 ///
 /// # Errors
-/// Another program uses the probe, it does not support SWD at that speed, or it is disconnected; one line of text.
+/// Another program uses the probe, the probe does not support SWD at that speed, or the probe is disconnected. The
+/// error is one line of text.
 pub fn open(info: &DebugProbeInfo, speed_khz: Option<u32>) -> Result<Probe, String> {
     let failed = |error| format!("{}: {}", name(info), one_line(&error));
     let mut probe = info.open().map_err(|error| {

@@ -1,4 +1,5 @@
-//! `--probe`: a real board behind a debug probe. Without the feature `probe`, the option says how to get it.
+//! `--probe`: a real board behind a debug probe. Without the feature `probe`, the option prints how to build with this
+//! feature.
 
 #[cfg(feature = "probe")]
 mod attached;

@@ -36,7 +36,7 @@ pub async fn run(app: Arc<App>, socket: WebSocket, _place: OwnedSemaphorePermit)
     page.leave();
 }
 
-/// Returns when the page has not answered for too long, even if its socket accepts data.
+/// Returns when the page has not answered for too long, even if the page's socket accepts data.
 async fn silence(page: &Page) {
     let mut look = interval(TICK);
     while !page.is_gone() {

@@ -1,5 +1,5 @@
-//! The board in a worker of the page: the release ELF, or the core without a chip. Also the actions of people, and the
-//! communication with the page.
+//! The board in a worker of the page: the release ELF, or the core without a chip. This file also has the actions of
+//! people, and the communication with the page.
 
 use std::{
     cell::RefCell,
@@ -137,7 +137,7 @@ pub fn say(question: &Question) -> Answered {
     })
 }
 
-/// Messages for the page. The JSON says whether the last block is text. The other blocks are values to plot.
+/// Messages for the page. The JSON has a flag for a last block of text. All other blocks are values to plot.
 pub fn tick() -> Answered {
     running(|running| {
         let tick = running.page.tick();

@@ -1,8 +1,8 @@
 //! The page without a server, for WebAssembly in a worker: the release ELF on the virtual board, and the simulator.
 //!
 //! The interface has four functions. A worker gets memory by [`zwidth_input`] and writes a question there: JSON, then
-//! its data. It calls [`zwidth_ask`] and reads the answers. No bindings are generated. So the module needs only the
-//! compiler, and it calls no function of the browser. `assets/module.js` is the worker's side.
+//! the question's data. Then the worker calls [`zwidth_ask`] and reads the answers. No bindings are generated. So the
+//! module needs only the compiler, and calls no function of the browser. `assets/module.js` is the worker's side.
 #![deny(unsafe_code)] // except for the exported names
 
 mod board;
@@ -16,13 +16,13 @@ use std::{cell::RefCell, sync::Once};
 pub use question::answer;
 
 thread_local! {
-    /// `IN` is the data from the worker, `OUT` the answers to it.
+    /// `IN` has the data from the worker, and `OUT` has the answers to this data.
     static IN: RefCell<Vec<Vec<u8>>> = const { RefCell::new(vec![]) };
     static OUT: RefCell<Vec<Vec<u8>>> = const { RefCell::new(vec![]) };
 }
 
-/// Allocates `length` bytes after the memory of earlier calls. Clears the previous answers, so that they are not taken
-/// for the message of a panic.
+/// Allocates `length` bytes after the memory of earlier calls. Clears the previous answers, so that these answers are
+/// not mistaken for the message of a panic.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_input(length: usize) -> *mut u8 {

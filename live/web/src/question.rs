@@ -15,7 +15,7 @@ use crate::{board, study};
 #[serde(deny_unknown_fields, default)]
 pub struct Question {
     ask: String,
-    /// Name of a built-in scene. If there is a `text`, the name of its file.
+    /// Name of a built-in scene. If there is a `text`, this is the name of the text's file.
     scene: String,
     /// Text of a scene file.
     text: Option<String>,
@@ -48,7 +48,8 @@ impl Question {
     /// The scene of the question.
     ///
     /// # Errors
-    /// No scene has this name, or its text is not valid. The error names file, key, value and the allowed values.
+    /// No scene has this name, or the question's text is not a valid scene. The error names file, key, value and the
+    /// allowed values.
     pub fn scene(&self) -> Result<NamedScene, Error> {
         match &self.text {
             None => {
@@ -65,8 +66,8 @@ impl Question {
             Some(text) => {
                 let name = self.scene.strip_suffix(".toml").unwrap_or(&self.scene);
                 let mut scene = NamedScene::parse(name.to_owned(), text.clone(), &self.scene)?;
-                // A scene with a text is never a built-in scene, whatever its name is. It is the same for a loaded
-                // file.
+                // A scene with a text is never a built-in scene, even with the name of a built-in scene. A loaded file
+                // is treated in the same way.
                 scene.files.insert(0, self.scene.clone().into());
                 Ok(scene)
             }

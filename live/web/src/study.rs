@@ -103,7 +103,8 @@ impl Walked {
     }
 }
 
-/// The settings with which studies of the scene are valid for a board, as console commands. The cutoff may differ.
+/// Console commands that give a board the settings of the scene. Without these settings, the scene's studies are not
+/// valid for the board. Only the cutoff may differ.
 pub fn scene(question: &Question) -> Answered {
     let NamedScene { name, scene, .. } = question.scene()?;
     let has_cutoff = scene.velocity.has_cutoff();

@@ -78,7 +78,7 @@ fn bad_input_is_one_line() {
     assert!(answer(vec![b"\xff".to_vec()])[0].starts_with(b"{\"error\":"));
 }
 
-/// The settings that the page compares with those of its board. The cutoff may differ.
+/// The settings that the page compares with the settings of the page's board. The cutoff may differ.
 #[test]
 fn the_scene_says_what_its_studies_are_of() {
     let paper = host_sim::scene::NamedScene::load("paper-1um").unwrap().text;
@@ -109,7 +109,7 @@ fn a_file_is_no_built_in_scene() {
     assert_eq!(rows(Some(&text)), 0);
 }
 
-/// The core without a chip serves the page: it takes commands, replies, and can be stopped.
+/// The core without a chip serves the page: the core obeys commands, replies, and can be stopped.
 #[test]
 fn the_core_is_a_board_for_the_page() {
     let (_, hello) = ask(&json!({ "ask": "start", "scene": "paper-2um", "core": true }));

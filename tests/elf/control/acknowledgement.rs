@@ -9,8 +9,8 @@ use crate::firmware::{Firmware, ok};
 
 each_board!(nothing_changes_without_an_acknowledgement, disarm_is_answered_with_the_force_off);
 
-/// When the reply to `disarm` comes, the amplifier is off by the end of this sample. Tested at rest, in a hit, when the
-/// amplifier is off already, and after an earlier fault.
+/// The amplifier is off at the end of the sample in which the reply to `disarm` comes. Tested at rest, in a hit, when
+/// the amplifier is off already, and after an earlier fault.
 fn disarm_is_answered_with_the_force_off(board: Board) {
     let firmware = Firmware::of(board);
     for (case, phase) in [(0, 1), (1, 4), (2, 6), (3, 9)] {
@@ -49,7 +49,7 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
     let unread = |world: &mut World<'_>, line: &str| {
         world.send(&format!("{line}\n")).unwrap();
         // The wait is longer than the board's pause between two lines. So each line is obeyed or ignored before the
-        // next one.
+        // next line.
         for _ in 0..40 {
             world.sample().unwrap();
         }
@@ -80,7 +80,7 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
 }
 
 /// If no host reads the lines of a walk, the walk ends after its present hit, since further results would be lost. A
-/// host that reads again gets a message about this.
+/// host that reads again gets a message about the end of the walk.
 #[test]
 fn a_walk_ends_when_nobody_reads() {
     let firmware = Firmware::of(NUCLEO_F446RE);

@@ -74,7 +74,7 @@ fn arm_after(world: &mut World<'_>, lines: &[&str]) {
     until_armed(world);
 }
 
-/// Masks the output task for `samples` samples. This is a fault.
+/// Masks the output task for `samples` samples. Missing outputs are a fault.
 fn hold_outputs_up(world: &mut World<'_>, samples: u64) {
     world.powered.mcu.mask(RENDER, true);
     world.run(samples).unwrap();
@@ -83,8 +83,8 @@ fn hold_outputs_up(world: &mut World<'_>, samples: u64) {
     assert!(ok(world, "status").contains("fault 20"));
 }
 
-/// Zero, disarm, faults at every phase of the output period, and the commands that clear them: no sample takes longer
-/// than its limit. The maxima of the session do not include these events.
+/// Zero, disarm, faults at every phase of the output period, and the commands that clear these faults: no sample takes
+/// longer than its limit. The maxima of the session do not include these events.
 fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
@@ -92,7 +92,7 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     let recover = |world: &mut World<'_>| arm_after(world, &["clear"]);
     // Both boards have the same code at the same phase of the period.
     for phase in (0..10).step_by(if board == NUCLEO_F446RE { 1 } else { 3 }) {
-        // A jump of the count is found in one sample and cleared in the next one.
+        // A jump of the count is found in one sample and cleared in the next sample.
         world.run(phase).unwrap();
         world.hold(world.position_m() + 700e-6, true);
         world.run(30).unwrap();
@@ -111,12 +111,12 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
         world.run(phase).unwrap();
         recover(&mut world);
     }
-    // Missing outputs: one that is late for a due sample, many in a row, and the outputs after them.
+    // Missing outputs: one late output, many missing outputs in a row, and the outputs after the gap.
     for samples in [25, 150] {
         hold_outputs_up(&mut world, samples);
         recover(&mut world);
     }
-    // Each estimator after each of the others, with the force on and off.
+    // Each estimator after every other estimator, with the force on and off.
     ok(&mut world, "unlock envelope");
     let known: Vec<_> = EstimatorName::ALL
         .iter()
@@ -147,7 +147,7 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     assert!(sample.most <= SAMPLE_CYCLES, "{sample:?}");
 }
 
-/// At period 1 every sample is due. The sample itself then notes a fault and carries out a zero.
+/// At period 1 every sample is due. The sampling task itself then notes a fault and carries out a zero.
 fn no_sample_with_an_output_each_is_longer_than_the_periods_allow(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();

@@ -31,7 +31,7 @@ impl Random {
     }
 }
 
-/// Step from one usage to the next; a prime number, so that all are reached.
+/// Step from one usage to the next; a prime number, so that all usages are reached.
 const STEP: usize = 17;
 const NUMBERS: [&str; 22] = [
     "0", "1", "-1", "2", "0.1", "0.5", "0.001", "0.005", "0.02", "-0.01", "5", "5.9", "30", "300",
@@ -108,7 +108,7 @@ fn every_command_works_in_any_order_with_garbage_between() {
     for n in 0..LINES {
         let line = match random.below(12) {
             0 => garbage(&mut random),
-            // Every usage in turn, so that each one is tested.
+            // Goes through all usages, so that each usage is tested.
             _ => command(&mut random, all[n * STEP % all.len()]),
         };
         let answer = reply(&mut world, &line);
@@ -124,7 +124,7 @@ fn every_command_works_in_any_order_with_garbage_between() {
         changed += u32::from(now != settings);
         settings = now;
         if n % 50 == 49 {
-            // Switches the force on again, whatever state the commands have left.
+            // Switches the force on again, from any state after the commands.
             for line in
                 ["stop", "disarm", "clear", "motor +", "encoder +", "fullscale 5.906", "stream on"]
             {

@@ -15,13 +15,14 @@ use crate::{
 
 each_board!(the_sampling_task_enters_no_critical_section, nothing_delays_the_samples);
 
-/// Largest difference of two delays, cycles. Its cause is that the longest instructions cannot be interrupted.
+/// Largest difference of two delays, cycles. The difference comes from the longest instructions, which cannot be
+/// interrupted.
 const SPREAD: u64 = 64;
 
-/// Longest time for which the logger masks `render` and `brown_out`, us, including a sample within it.
+/// Longest time for which the logger masks `render` and `brown_out`, us, including a sample during the mask.
 const MASK_US: f64 = 60.0;
 
-/// Says what delays the samples.
+/// Fails if something delays the samples. The error names the cause.
 fn delayed(watch: &Watch) -> Result<(), String> {
     if watch.delay_spread() > SPREAD {
         return Err(format!("spread {} cycles", watch.delay_spread()));
@@ -54,8 +55,8 @@ fn nothing_delays_the_samples(board: Board) {
     assert!(session.lines > 500, "{}", session.lines);
 }
 
-/// The same firmware with other masks, as a critical section of `cortex-m` has them: raising BASEPRI disables all
-/// interrupts, and restoring BASEPRI enables them.
+/// The same firmware with the masks of a critical section of `cortex-m`: where BASEPRI was raised, all interrupts are
+/// disabled; where BASEPRI was restored, all interrupts are enabled.
 fn with_critical_sections(firmware: &Firmware) -> Elf {
     const MSR: u16 = 0xF380;
     let mut elf = firmware.elf.clone();

@@ -1,6 +1,6 @@
-//! The release ELF under load, in a session that is run once. Its telemetry equals what the core computes on the
-//! host, bit for bit. The delay of samples, interrupt masks, cycles and memory are within limits. Further tests: the
-//! time limits of faults in any sample, commands in any order, the latency of commands, and a host that does not read.
+//! The release ELF under load, in a session that is run once. The telemetry equals what the core computes on the host,
+//! bit for bit. The delay of samples, interrupt masks, cycles and memory are within limits. Further tests: the time
+//! limits of faults in any sample, commands in any order, the latency of commands, and a host that does not read.
 
 mod acknowledgement;
 mod budget;
@@ -118,7 +118,7 @@ fn session(firmware: &Firmware) -> Session {
     }
 }
 
-/// The session of a board. It is run once.
+/// The session of a board, which is run once.
 fn session_of(board: Board) -> &'static (Firmware, Session) {
     static SESSIONS: [OnceLock<(Firmware, Session)>; BOARDS.len()] =
         [const { OnceLock::new() }; BOARDS.len()];

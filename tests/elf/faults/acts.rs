@@ -1,6 +1,5 @@
 //! Hardware that does not do what the program commands: a DAC with a wrong output, converters that stop, an amplifier
-//! with a constant force while the handle does not move. Without a defect there is no false alarm, whatever the force
-//! is.
+//! with a constant force while the handle does not move. Without a defect there is no false alarm at any force.
 
 use host_sim::scene::{MotorTable, NamedScene, Scene};
 use virtual_board::{
@@ -23,7 +22,7 @@ each_board!(
 /// Current signal as a fraction of the supply, without current and at full command.
 const SENSE: [Option<f64>; 2] = [Some(0.5), Some(0.2)];
 
-/// The image for a device with this current signal, or without one.
+/// The image for a device with this current signal, or without a current signal.
 fn saying(board: Board, [current_sense_rest, current_sense_full]: [Option<f64>; 2]) -> Firmware {
     let mut named = NamedScene::load(board.name).unwrap();
     named.name = "sensing".into();
@@ -36,7 +35,7 @@ fn saying(board: Board, [current_sense_rest, current_sense_full]: [Option<f64>; 
     Firmware { elf, scene, ..plain }
 }
 
-/// Time until enable is inactive, ms; `None` if this takes longer than 0.1 s.
+/// Time until enable is inactive, ms; `None` if the time is longer than 0.1 s.
 fn off_ms(world: &mut World<'_>) -> Option<f64> {
     let begun = world.powered.mcu.now();
     world.run(1000).unwrap();
@@ -64,7 +63,7 @@ fn a_dac_that_gives_something_else_is_off_within_3_ms() {
         ok(&mut world, "clear");
     }
     figure("elf/faults/acts/dac", most * 1e3);
-    // An error of 4 % of full scale is within the tolerance, which is two per cent of the range.
+    // The tolerance is 2 % of the range, which is 4 % of full scale. An error within this tolerance causes no fault.
     world.restore(&before);
     world.defects.dac = 0.035;
     assert_eq!(off_ms(&mut world), None);

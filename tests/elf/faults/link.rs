@@ -1,5 +1,5 @@
 //! Damage of RTT's control block, of the end of the stack, of clock and chip. The program must not write to a wrong
-//! address. If it waits, it must report why.
+//! address. A program that waits must report why.
 
 use virtual_board::{
     board::{BOARDS, Board, Powered},
@@ -75,7 +75,7 @@ fn an_image_for_another_chip_says_so(board: Board) {
     assert_eq!(world.powered.mcu.events(), 0);
 }
 
-/// The memory protection unit blocks 256 bytes which the stack never reaches.
+/// The memory protection unit blocks 256 bytes that the stack never reaches.
 fn the_stack_ends_in_a_guard(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();

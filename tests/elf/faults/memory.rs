@@ -1,5 +1,5 @@
-//! Bits that flip in the memory of `render`, and in the data that it gives to `sample`. Data that decides a force is
-//! stored twice.
+//! Bits that flip in the memory of `render`, and in the data that `render` gives to `sample`. Data that decides a force
+//! is stored twice.
 
 use virtual_board::{
     board::Board,
@@ -67,7 +67,7 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     let mut world = firmware.boot();
     let render = place(&firmware, "local_resource_render");
     let sample = place(&firmware, SAMPLE_STATE);
-    // The motor's sign is a byte. The test finds it by a change of the sign with the force off.
+    // The motor's sign is a byte. The test finds this byte by a change of the sign with the force off.
     let mut seen = [Vec::new(), Vec::new()];
     for turned in [0, 1, 0, 1, 0] {
         ok(&mut world, ["motor +", "motor -"][turned]);
@@ -105,7 +105,8 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     }
     println!("{}: found {found:?}, off after {:.3} ms at most", board.name, longest * 1e3);
     figure(&format!("elf/faults/memory/{}", board.name), longest * 1e6);
-    // Each value and its copy. The surface is in words of `render` and in the valid one of the two buffers of `sample`.
+    // Each value and its copy are found. The surface is in words of `render` and in one of the two buffers of `sample`,
+    // the valid buffer.
     assert!(found[0] == 2 && found[1] == 2 * 3 && found[2] >= 3 && found[3] >= 3, "{found:?}");
     assert!(longest <= OFF_S, "{longest}");
 }

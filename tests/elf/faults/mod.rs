@@ -92,8 +92,8 @@ fn rows(firmwares: &[Firmware], cases: &[&FaultCase], depth: Depth) -> Vec<Row> 
     results.collect()
 }
 
-/// The host stops reading and then sends without a pause, with every channel set to blocking and the force on. This
-/// must have no effect on the force.
+/// The host stops reading and then sends without a pause, with every channel set to blocking and the force on. The
+/// force must not change.
 fn flood(firmware: &Firmware, samples: u64) -> Row {
     let mut world = firmware.armed();
     world.powered.mcu.watch_mut().clear();
@@ -121,7 +121,7 @@ fn flood(firmware: &Firmware, samples: u64) -> Row {
     }
 }
 
-/// Number of tried cases of damage. All must end as expected.
+/// Number of tried cases of damage. All cases must end as expected.
 fn cases(firmware: &Firmware, damage: impl Fn(&mut World<'_>) -> Result<usize, Failed>) -> usize {
     damage(&mut firmware.boot()).unwrap()
 }

@@ -1,5 +1,5 @@
-//! Flips bits of registers: the force must be off within 3 ms, and the board must report the fault. Also a sample timer
-//! with a wrong rate.
+//! Flips bits of registers: the force must be off within 3 ms, and the board must report the fault. A further test
+//! gives the sample timer a wrong rate.
 
 use board_trials::campaign::registers::{RegisterRow, register_rows};
 use virtual_board::{board::Board, world::World};
@@ -102,7 +102,8 @@ fn off_after(world: &World<'_>, begun: u64) -> Option<f64> {
     is_off.then(|| (off - begun) as f64 / world.powered.board.chip.core_hz as f64)
 }
 
-/// After the core has stopped, checks that enable is off within `limit_s`, s: the period of the output watchdog.
+/// Checks that enable is off within `limit_s`, s, after the core has stopped. This limit is the timeout of the output
+/// watchdog.
 fn dead_core_is_off_within(world: &mut World<'_>, limit_s: f64, what: &str) {
     let begun = world.powered.mcu.now();
     world.powered.mcu.set_registers(|registers| registers.primask = true);
@@ -143,7 +144,8 @@ fn any_bit_of_the_output_watchdog_ends_in_off_or_leaves_it_at_work(board: Board)
     }
 }
 
-/// The counter of the sample timer is changed at each sample, so that all registers have their set-up values.
+/// The test changes the counter of the sample timer at each sample. So the rate is wrong, but all registers have their
+/// set-up values.
 fn a_rate_that_is_off_by_more_than_2_percent_is_found_from_both_sides(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = pressed(&firmware);

@@ -134,7 +134,7 @@ pub fn run_case(
         let refused = world.ask(line).unwrap();
         assert!(refused.starts_with("error"), "{name}: {line}: {refused}");
     }
-    // The fault is still stored after a reset. On the other board, the recovery has no reset.
+    // The fault is still stored after a reset. On the second board, the recovery has no reset.
     if firmware.board == virtual_board::board::NUCLEO_F446RE && !case.stays {
         world.reset();
         world.run(300).unwrap();
@@ -146,7 +146,7 @@ pub fn run_case(
     CaseResult { off_us, zero_us, kept: kept.join(", ") }
 }
 
-/// Checks that the black box sends its marked records without a gap. The last one has the fault.
+/// Checks that the black box sends its marked records without a gap. The last record has the fault.
 fn black_box(world: &mut World<'_>, case: &FaultCase, depth: Depth, outputs: u64) {
     let name = case.name;
     let samples = if depth == Depth::Full { 5_200 } else { 300 };

@@ -67,7 +67,7 @@ fn taps_reach_the_wall_after_50_ms_and_their_worst_last_half_counts() {
             let first = press.iter().position(inside).unwrap();
             firsts.push(first);
             assert!(!inside(&tap[4999]), "the handle is drawn back");
-            // By hand, and without the first tap: motion and force about their means.
+            // A hit by hand. The first tap is left out. Motion and force are relative to their means.
             let last = &press[first + (2500 - first) / 2..];
             let positions: Vec<f64> = last.iter().map(|sample| sample.position_m).collect();
             let forces: Vec<f64> = last
@@ -86,7 +86,7 @@ fn taps_reach_the_wall_after_50_ms_and_their_worst_last_half_counts() {
         let (rests, motion_m, force_n) = worst;
         assert_eq!(report.is_stable(), rests, "{of:?}");
         if rests {
-            // Relative to a polynomial. This removes slow motion and leaves fast motion.
+            // The values are relative to a polynomial. This removes slow motion and leaves fast motion.
             let left = [report.rms_motion_m / motion_m, report.force_rms_n / force_n];
             assert!(left.iter().all(|left| (0.4..1.001).contains(left)), "{left:?} {report:?}");
         }
@@ -107,7 +107,7 @@ fn a_tapped_wall_that_still_gives_way_is_not_one_that_bounces() {
     }
 }
 
-/// A wall that throws the handle back counts as contact.
+/// A wall that throws the handle back is a contact.
 #[test]
 fn a_handle_that_is_thrown_back_was_in_contact() {
     let mut scene = scene(Protocol::Taps);
@@ -134,7 +134,7 @@ fn a_sway_is_no_motion_of_the_wall_and_a_limit_cycle_is() {
         pushes.iter().copied().reduce(of).unwrap() * scene.full_scale_n() / scene.wall_hit.push_n
     };
     assert!((0.7..0.75).contains(&share(f64::min)) && (1.25..1.3).contains(&share(f64::max)));
-    // A cycle of some 100 Hz is above 20 Hz. The sway in such a stiff wall is 10 um.
+    // The limit cycle of some 100 Hz belongs to the motion above 20 Hz. The sway in this stiff wall is 10 um.
     let (stiff, samples) = hit(&scene, [60e3, 250.0]);
     let window: Vec<f64> = samples[40_000..].iter().map(|sample| sample.position_m).collect();
     assert_eq!(stiff.verdict, Verdict::Unstable);

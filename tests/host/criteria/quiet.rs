@@ -102,8 +102,8 @@ fn the_recommended_cutoff_is_near_the_best_of_the_independent_program() {
     }
 }
 
-/// A light handle on soft walls rings. Of two neighbouring cutoffs, one walk goes on and the other ends at its first
-/// wall.
+/// A light handle on soft walls rings. At one cutoff the walk continues. At a neighbouring cutoff the walk ends at its
+/// first wall.
 #[test]
 fn a_walk_that_breaks_off_hides_no_better_cutoff() {
     let stop = AtomicBool::new(false);
@@ -201,7 +201,7 @@ fn device(rng: &mut Xoshiro256PlusPlus) -> NamedScene {
     scene.actuator.latency = draw(0.1, 10.0);
     scene.actuator.period = draw(1.0, 10.99) as u32;
     scene.wall_hit.push_n = 0.48 * full_n;
-    // Near enough for a heavy handle to reach it in time.
+    // The wall is so near that a heavy handle reaches the wall in time.
     scene.wall.position_m = scene.device.start_position_m + 0.01;
     scene.wall_hit.judge(Criterion::Quiet, None);
     if rng.random::<bool>() {
@@ -224,7 +224,7 @@ fn device(rng: &mut Xoshiro256PlusPlus) -> NamedScene {
 }
 
 /// Area at the recommended cutoff as a fraction of the best area of a list of cutoffs in steps of 3 %, at other pushes.
-/// Also both cutoffs.
+/// Returns also both cutoffs.
 fn share_of_the_best(scene: &NamedScene) -> Option<[f64; 3]> {
     let stop = AtomicBool::new(false);
     let how = How { engine: Engine::lanes(), numeric: Numeric::Fixed, stop: &stop };

@@ -1,5 +1,6 @@
-//! A second program for the loops of docs/lab/criteria-measured.md. It has its own device, amplifier, transmission,
-//! DAC, latency, filter, wall, hit and walk in `f64`. From the simulator it takes only the numbers of the scenes.
+//! A second program for the loops of docs/lab/criteria-measured.md. This program has its own device, amplifier,
+//! transmission, DAC, latency, filter, wall, hit and walk in `f64`. The program takes only the numbers of the scenes
+//! from the simulator.
 
 use host_sim::study::levers::{Between, Lever, levers};
 
@@ -21,7 +22,7 @@ fn of(matrix: &Matrix, state: &State) -> State {
 }
 
 /// The matrix exponential by its series. The time is halved until the series converges fast. Then the result is squared
-/// as often.
+/// once for each halving.
 fn exponential(rates: &Matrix, time_s: f64) -> Matrix {
     let halvings = 12;
     let small = time_s / f64::from(1 << halvings);
@@ -35,7 +36,8 @@ fn exponential(rates: &Matrix, time_s: f64) -> Matrix {
     (0..halvings).fold(sum, |power, _| times(&power, &power))
 }
 
-/// Matrix of the equations of motion under a constant command, which the last state, 1, multiplies.
+/// Matrix of the equations of motion under a constant command. The command is in the column of the last state, the
+/// constant 1.
 fn rates(scene: &Scene, command_n: f64) -> Matrix {
     let Device { mass_kg: m, damping_n_s_per_m: b, stiffness_n_per_m: k, .. } = scene.device;
     let mut a = [[0.0; STATES]; STATES];
@@ -162,8 +164,8 @@ impl Loop<'_> {
         (squares / window as f64 - mean * mean).sqrt() < self.limit_m
     }
 
-    /// Area of the walk. K rises to the last stable one. Then B rises, and K goes up or down to the boundary. The walk
-    /// ends when no K is stable.
+    /// Area of the walk. K rises to the last stable value. Then B rises, and K goes up or down to the boundary. The
+    /// walk ends when no K is stable.
     fn area(&self, walk: &Walk) -> f64 {
         let k = |n: i32| walk.stiffness_start_n_per_m + f64::from(n) * walk.stiffness_step_n_per_m;
         let b = |n: i32| walk.damping_start_n_s_per_m + f64::from(n) * walk.damping_step_n_s_per_m;
@@ -184,7 +186,7 @@ impl Loop<'_> {
                 if self.is_stable(k(up), b(across)) {
                     break;
                 }
-                // Down to a stable K. At this B, K does not rise again.
+                // K falls to a stable value. At this B, K does not rise again.
                 loop {
                     up -= 1;
                     if k(up) <= 0.0 {

@@ -1,4 +1,4 @@
-//! The tables of docs/lab/criteria-measured.md. They take minutes, so they run in CI only.
+//! The tables of docs/lab/criteria-measured.md. These tests take minutes, so they run in CI only.
 
 use host_sim::{
     analysis::compare::with_filter,
@@ -47,7 +47,7 @@ fn table_in(
 }
 
 /// Compares areas in 10^6 N^2 s/m^2 with a row of a table. Each cell above 1 must be within 3 % of the areas of four
-/// starts. Returns the number of compared cells, and how many are outside.
+/// starts. Returns the number of compared cells, and the number of cells outside this range.
 fn hold_row(name: &str, results: &[LimitResult], limit: Limit, expected: &[f64]) -> [usize; 2] {
     let result = results.iter().find(|result| result.limit == limit).unwrap();
     let mut told = [0; 2];
@@ -146,9 +146,9 @@ fn by_hand_another_estimator_is_best() {
 
 /// `cargo test --release --test host criteria::tables::table_of_limits -- --ignored --nocapture`: the motor pushes, RMS
 /// of the motion, K from 500 in steps of 500, B from 5 in steps of 5. The expected values are from an independent
-/// program in `f64` with one start. Two cells of the 2 um encoder are outside. At the limit of 5 um and 1500 Hz, the
-/// value is within the range of our twin. At the limit of 1 um and 500 Hz, the area falls with the 3.7th power of the
-/// cutoff.
+/// program in `f64` with one start. Two cells of the 2 um encoder are outside the tolerance. At the limit of 5 um and
+/// 1500 Hz, the value is within the range of our twin. At the limit of 1 um and 500 Hz, the area falls with the 3.7th
+/// power of the cutoff.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn table_of_limits() {
@@ -182,7 +182,7 @@ fn table_of_limits() {
             figure("host/criteria/limits/percent_per_percent", steepness);
         }
     }
-    // The two cells of the documentation. For the first one, our twin is listed too.
+    // The two cells of the documentation. For the first cell, our twin is listed too.
     for (name, limit, cutoff_hz, independent) in [
         ("5um", Limit::Rms(5e-6), 1500.0, two[0].1[8]),
         ("1um", Limit::Rms(1e-6), 500.0, two[2].1[5]),

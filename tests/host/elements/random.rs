@@ -36,7 +36,8 @@ fn any_tables() -> impl Strategy<Value = Vec<String>> {
             )
         }));
         let (friction, cogging, spring, rigid, method) = dry;
-        // The gap follows from the seed. So the other elements are the same as before this test had a gap.
+        // The gap follows from the seed, without a further random number. So the other elements have the same values as
+        // without a gap.
         let gap = (mode.is_some() && seed.is_multiple_of(2)).then(|| 0.1f64.powf(2.0 + f64::from(seed / 2 % 7)));
         let cubic = seed.is_multiple_of(3).then(|| f64::from(seed % 61) / 100.0 - 0.3);
         tables.extend(gap.map(|gap| format!("[backlash]\ngap_m = {gap:e}\n")));
@@ -149,7 +150,7 @@ fn gets_no_energy(cases: u32) {
             let arm_j = scene.arm.map_or(0.0, |arm| {
                 0.5 * arm.stiffness_n_per_m * (start_m - arm.rest_position_m).powi(2)
             });
-            // From the highest to the lowest potential.
+            // The energy from the highest to the lowest potential of the cogging.
             let cogging_j = scene.cogging.map_or(0.0, |c| c.amplitude_n * c.pitch_m / PI);
             let all_j = spring_j(start_m) + arm_j + cogging_j;
             let plant = AnyPlant::unsensed(&scene, 1e-4, 0.0);
@@ -190,7 +191,7 @@ fn fewest(scene: &Scene, of: fn(u32) -> Integrator) -> Option<Integrator> {
     Some(of(enough))
 }
 
-/// With the smallest number of steps. A command of 0 N takes effect within every tenth sample.
+/// The scenes have the smallest allowed number of steps. A command of 0 N takes effect within every tenth sample.
 #[test]
 fn no_device_blows_up_with_the_fewest_steps_that_are_allowed() {
     fewest_steps(100);

@@ -1,4 +1,4 @@
-//! Commands compared with each other: `walk` with the walls of `grid`, `grid` with `hit`, and `sweep` with `walk`.
+//! Commands compared with other commands: `walk` with the walls of `grid`, `grid` with `hit`, and `sweep` with `walk`.
 
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 
@@ -21,7 +21,7 @@ use crate::dice::{Dice, cases};
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// The paper's loop with a device like the paper's. Its walks rise, fall and end within a few dozen hits.
+/// The paper's loop with a device like the paper's. The walks of this scene rise, fall and end within a few dozen hits.
 fn scene(dice: &mut Dice) -> Scene {
     let mut scene = dice.scene();
     let paper = NamedScene::load("paper-1um").unwrap().scene;
@@ -49,9 +49,9 @@ fn filter(scene: &Scene, dice: &mut Dice) -> VelocitySettings {
     scene.velocity.at(dice.decades(100.0, 1500.0))
 }
 
-/// The walk of theory.md over a table of verdicts. K rises to the first unstable wall. The K below it is the boundary.
-/// Then B rises by a step. If the same K is stable there, K rises again. Otherwise K falls to the first stable one. The
-/// walk ends when no K is stable or B has its largest value.
+/// The walk of theory.md over a table of verdicts. K rises to the first unstable wall. The last stable K is the
+/// boundary. Then B rises by a step. If the same K is stable there, K rises again. Otherwise K falls to the first
+/// stable value. The walk ends when no K is stable or B has its largest value.
 fn walked(
     scene: &Scene,
     mut stable: impl FnMut(i32, i32) -> bool,

@@ -104,7 +104,7 @@ fn delay_phase_and_noise_are_those_of_the_impulse_response() {
             .sum();
         let at_rest = (0.25 * squares).sqrt() * scene.encoder.resolution_m * rate_hz;
         assert!((found.noise_at_rest_m_per_s / at_rest - 1.0).abs() < 0.03, "{at_rest} {name}");
-        // In motion: the worst of six speeds, counted and filtered in this file.
+        // In motion, the value is the worst of six speeds, counted and filtered in this file.
         let worst = [0.010_618, 0.038_197, 0.123_606, 0.381_966, 1.127_3, 2.902_7].map(|speed| {
             let count = |n: usize| (speed * n as f64).floor();
             let (first, samples) = (response.len(), 20_000);

@@ -1,4 +1,4 @@
-//! Random scenes and walls. Each follows from one number.
+//! Random scenes and walls. Each scene or wall follows from one number.
 
 use host_sim::{
     numerics::integrator::Integrator,
@@ -147,7 +147,7 @@ impl Dice {
         }
     }
 
-    /// Adds nonlinear elements, and an integrator for them.
+    /// Adds nonlinear elements, and an integrator for these elements.
     pub fn nonlinear_elements(&mut self, scene: &mut Scene) {
         scene.integrator = Some(Integrator::Rk4 { steps_per_sample: 16 });
         scene.friction = self.coin().then_some(Friction {

@@ -63,8 +63,8 @@ fn estimates(found: &Identification) -> [Estimate; 4] {
     [found.mass_kg, found.damping_n_s_per_m, spring.stiffness_n_per_m, spring.rest_position_m]
 }
 
-/// Checks that each estimate is `times` the other estimate plus `more`, within a fraction of its interval. The interval
-/// must scale by `times` too.
+/// Checks that each estimate of `other` is `times` the estimate of `one` plus `more`, within a fraction of the
+/// interval. The interval of `other` must be `times * width` as wide as the interval of `one`.
 #[track_caller]
 fn same(
     name: &str,
@@ -107,7 +107,7 @@ fn other_units_signs_and_places_are_the_same_device() {
             options.limit_v = 5.0;
         });
         same(&name("voltage"), &found, &other, [1.0; 4], none, 1.0);
-        // Twice the force for the same motion means twice the device.
+        // Twice the force for the same motion means twice the mass, damping and stiffness.
         let other = with(&|_, options| options.gain = Gain::Given(1.0));
         same(&name("gain"), &found, &other, [2.0, 2.0, 2.0, 1.0], none, 1.0);
         let other = with(&|record, _| {

@@ -1,5 +1,5 @@
 //! A second implementation of the sampled loop: a device, an actuator with any delay in samples, an output every few
-//! samples, an encoder, a filter, a wall. From the simulator it uses only the scene.
+//! samples, an encoder, a filter, a wall. This implementation uses only the scene from the simulator.
 
 use host_sim::{
     scene::{Rounding, Scene, VelocityTable},
@@ -12,8 +12,8 @@ use zwidth::{units::Force, velocity::EstimatorName};
 
 use crate::dice::{cases, trace};
 
-/// Distance from the rest position, and speed, after `time_s` under a constant force. They follow from the power series
-/// of the equation of motion. The steps are so short that twenty terms are exact up to rounding.
+/// Distance from the rest position, and speed, after `time_s` under a constant force. Both values follow from the power
+/// series of the equation of motion. The steps are so short that twenty terms are exact up to rounding.
 fn moved(scene: &Scene, [mut x, mut v]: [f64; 2], force_n: f64, time_s: f64) -> [f64; 2] {
     let device = &scene.device;
     let steps = 4;
@@ -88,7 +88,8 @@ fn loop_of(scene: &Scene, hit: &WallHit, nudge_m: f64, samples: usize) -> Vec<(i
             let force_n = (push_n - wall_n).clamp(-full_n, full_n);
             asked.push((n as f64 + latency, force_n));
         }
-        // Commands that act from this sample to the next: the last one in effect, and one that takes effect in between.
+        // Commands that act from this sample to the next: the command in effect, and a command that takes effect in
+        // between.
         let (mut from, until) = (n as f64, n as f64 + 1.0);
         while let Some(&(at, force_n)) = asked.first().filter(|(at, _)| *at < until) {
             state = moved(scene, state, acting, (at - from) / rate_hz);
@@ -117,7 +118,8 @@ fn the_loop_is_that_of_a_second_text() {
         let full_n = scene.full_scale_n();
         let simulated = trace(&scene, &hit, Numeric::F64);
         let nudged = |nudge_m| loop_of(&scene, &hit, nudge_m, simulated.len());
-        // Some walls are chaotic. So both implementations must agree only until rounding affects the second one.
+        // Some walls are chaotic. So the implementations must agree only until rounding affects the second
+        // implementation.
         let [second, before, behind] = [0.0, -1e-13, 1e-13].map(nudged);
         let near =
             |(a, b): (&(i32, f64), &(i32, f64))| a.0 == b.0 && (a.1 - b.1).abs() < 1e-10 * full_n;

@@ -45,7 +45,7 @@ fn entries(of: &Matrix) -> impl Iterator<Item = f64> {
     of.iter().flatten().map(|x| f64::from(*x).abs())
 }
 
-/// exp(A t): the series for a fraction 2^-squarings of the time, squared as often.
+/// exp(A t): the series for the time divided by 2^squarings. The result is then squared `squarings` times.
 fn exponential(a: &Matrix, t: f64) -> Matrix {
     let n = a.len();
     let norm = entries(a).fold(0.0, f64::max) * n as f64 * t;
@@ -66,13 +66,13 @@ fn exponential(a: &Matrix, t: f64) -> Matrix {
 }
 
 /// The plant with the commanded force as the last state. The other states are the handle's position, the speeds of the
-/// bodies, the stretches of the other springs, and the amplifier. If no spring holds a body, its position is not a
-/// state. Parts without an effect on the handle are left out.
+/// bodies, the stretches of the other springs, and the amplifier. If no spring acts on a body, the position of this
+/// body is not a state. Parts without an effect on the handle are left out.
 fn plant(of: &Loop) -> Matrix {
     let Elements { amplifier, mode, arm } = of.elements;
     let device = of.device;
     let mut masses = vec![device.mass_kg];
-    // Springs and dampers to a body, from the body before it or from the ground.
+    // Springs and dampers to a body, from the previous body or from the ground.
     let mut links = vec![(0, true, device.stiffness_n_per_m, device.damping_n_s_per_m)];
     if let Some(mode) = mode {
         masses.push(mode.mass_kg);
@@ -91,7 +91,8 @@ fn plant(of: &Loop) -> Matrix {
     let (mut stretches, mut next) = (vec![0], speed(masses.len()));
     for (body, to_ground, k, b) in links {
         let before = (!to_ground).then(|| body - 1);
-        // If springs connect all bodies from the handle to this one, the sum of the stretches is its position.
+        // If springs connect all bodies from the handle to this body, the sum of the stretches is the position of this
+        // body.
         let stretch = if to_ground && stretches.len() == body + 1 {
             stretches.clone()
         } else if k > 0.0 {
@@ -136,7 +137,7 @@ fn plant(of: &Loop) -> Matrix {
         .collect()
 }
 
-/// The loop over one output period. Its state: the plant with the acting command; the estimator's past positions and
+/// The loop over one output period. The state has the plant with the acting command; the estimator's past positions and
 /// velocities, newest first; the commands that do not act yet, oldest first.
 fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let a = plant(of);
@@ -152,7 +153,7 @@ fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let queue = past + 2 * order;
     let states = queue + waiting;
     let mut all = identity(states);
-    // Delay in samples from the start of a period to the effect of a command of this start or of an earlier one.
+    // Delay in samples from the start of a period to the effect of a command from this start or from an earlier start.
     let turn = latency - every * (latency / every).floor();
     let whole = exponential(&a, sample_s);
     let parts = [turn.fract(), 1.0 - turn.fract()].map(|part| exponential(&a, part * sample_s));
@@ -194,8 +195,8 @@ fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     all
 }
 
-/// The binary logarithm of the long-term growth of motion per period. It is taken over 2^80 periods, so the effect of
-/// the start is below the last digit.
+/// The binary logarithm of the long-term growth of motion per period. The growth is computed over 2^80 periods, so the
+/// effect of the start is below the last digit.
 fn growth(of: &Loop, k: f64, b: f64) -> f64 {
     let mut power = period(of, k, b);
     let (mut exponent, mut periods) = (0.0, 1.0);

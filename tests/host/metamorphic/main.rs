@@ -1,5 +1,6 @@
-//! Relations between runs of the simulator that hold for all numbers. They cover scaled, shifted and mirrored scenes,
-//! and neutral elements. They compare commands with each other and with a second, independent implementation.
+//! Relations between runs of the simulator that hold for all numbers. The relations cover scaled, shifted and mirrored
+//! scenes, and neutral elements. Further relations compare commands with other commands, and with a second, independent
+//! implementation.
 //!
 //! `cargo test` runs a few random cases of each relation, always the same. `METAMORPHIC_CASES=100` runs a hundred times
 //! as many, and `METAMORPHIC_SEED=7` runs other cases. A failure names its case.

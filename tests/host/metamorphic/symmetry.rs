@@ -22,7 +22,7 @@ fn a_device_elsewhere_moves_alike() {
         dice.linear_elements(&mut scene);
         // Whole counts are then exact in binary.
         scene.encoder.resolution_m = dice.one_of(&[1.0, 2.0, 8.0]) / f64::from(1 << 20);
-        // Not at an edge of a count, where rounding decides.
+        // The start is not at an edge of a count, where rounding decides.
         let hit = WallHit { start_offset_counts: 0.3, ..dice.wall(&scene) };
         let counts = i32::try_from(dice.below(200_000)).unwrap() - 100_000;
         let far_m = f64::from(counts) * scene.encoder.resolution_m;

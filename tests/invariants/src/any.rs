@@ -1,4 +1,5 @@
-//! Strategies for designs, settings and motions. They draw all accepted values, and the ends of each range often.
+//! Strategies for designs, settings and motions. The strategies draw all accepted values, and draw the ends of each
+//! range often.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -182,7 +183,7 @@ pub fn counts(pieces: &[Piece]) -> Vec<i64> {
     places(pieces).into_iter().map(|place| place.floor() as i64).collect()
 }
 
-/// Random numbers for a case that has a seed in place of a list.
+/// Random numbers for a case with a seed instead of a list.
 #[derive(Clone, Copy, Debug)]
 pub struct Random(pub u64);
 
@@ -219,8 +220,8 @@ impl Random {
     }
 }
 
-/// Changes of some words that a CRC-32 always detects: of one word, or of up to three bits. Of other changes it misses
-/// one in 2^32.
+/// Changes of some words that a CRC-32 always detects: of one word, or of up to three bits. A CRC-32 misses one in 2^32
+/// of all other changes.
 pub fn noticed(words: usize) -> impl Strategy<Value = Vec<(usize, u32)>> + Clone {
     prop_oneof![
         prop::collection::vec((0..words, 1u32..), 1),

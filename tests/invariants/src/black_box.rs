@@ -10,7 +10,7 @@ use crate::any::noticed;
 
 crate::properties! {
     /// The black box has the newest records, one of every `every` outputs. The oldest is the first, and the record with
-    /// the fault is the last. Then it takes no record until it is released. After the release it is empty.
+    /// the fault is the last. Then the black box takes no record until it is released. After the release it is empty.
     newest(500, (every, events) in (
         1u32..6,
         prop::collection::vec(prop_oneof![40 => Just(0u8), 2 => Just(1), 1 => Just(2)], 1..120),

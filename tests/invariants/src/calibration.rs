@@ -20,9 +20,9 @@ fn settings(design: &Design, percent: f64, rise: f64, hold: f64) -> CalibrationS
 }
 
 crate::properties! {
-    /// A calibration's force rises at most at its set rate and reaches each new force. It never exceeds the larger of
-    /// the old and the new force. For the mirrored percent the force is mirrored. A calibration ends with contact, with
-    /// a move, when the handle was held, and after two minutes.
+    /// A calibration's force rises at most at its set rate and reaches each new force. The force never exceeds the
+    /// larger of the old and the new force. For the mirrored percent the force is mirrored. A calibration ends with
+    /// contact, with a move, when the handle was held, and after two minutes.
     bounded(150, (design, rise, hold, targets, moves) in (
         any::design(),
         any::part(),
@@ -72,7 +72,7 @@ crate::properties! {
                 held = if there { held + 1 } else { 0 };
                 assert!(f64::from(held) * output_s <= says.hold_s + 2.0 * output_s);
                 assert!(f64::from(outputs) * output_s <= 120.0 + 2.0 * output_s);
-                // On its way to the new force it never stops and never reverses.
+                // On the way to the new force, the force never stops changing and never reverses.
                 assert!(there || (percent / 100.0 - last) * (part - last) > 0.0);
                 last = part;
             }

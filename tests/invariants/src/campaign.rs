@@ -21,7 +21,8 @@ pub struct Campaign {
 /// How much of each property is tried.
 #[derive(Clone, Copy, Debug)]
 pub enum Extent {
-    /// Until the time is over, but at least one batch each. The property with the least time so far comes next.
+    /// Until the time is over, but at least one batch of each property. The property with the least time so far comes
+    /// next.
     Time(Duration),
     /// The first batches of each property. The cases are the same on every machine.
     Batches(u64),
@@ -53,8 +54,8 @@ fn count() -> MutexGuard<'static, Count> {
     COUNT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Stores the position of the last panic, and does not print each panic. A failed check is a panic, and thousands of
-/// them come while a case is made smaller.
+/// Stores the position of the last panic, and does not print each panic. A failed check is a panic, and a case that is
+/// made smaller causes thousands of panics.
 fn keep_panics_quiet() {
     panic::set_hook(Box::new(|info| {
         let name = thread::current().name().unwrap_or_default().to_owned();
@@ -129,7 +130,7 @@ impl Campaign {
             open.fold(first, |least, other| if other.2 < least.2 { other } else { least });
         if let Some(progress) = count.of.get_mut(property.title()) {
             progress.batches += 1;
-            // An estimate until the time is known, so that other cores take other properties.
+            // An estimate until the true time is known. So other cores try other properties.
             progress.seconds += 1.0;
         }
         let Extent::Batch(only) = self.extent else { return Some((property, number)) };

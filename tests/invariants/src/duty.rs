@@ -106,7 +106,7 @@ crate::properties! {
     }
 
     /// Hits never make the winding warmer than its limit. Each hit begins when the board reports that the motor is
-    /// ready. None is longer than planned.
+    /// ready. No hit is longer than planned.
     never_too_warm(400, (motor, hits) in (
         motor(300),
         prop::collection::vec((0.0..=1.0f64, any::part(), 0u32..2000), 1..20),
@@ -130,7 +130,7 @@ crate::properties! {
         }
     }
 
-    /// A motor without force is ready again within the stated number of outputs, however warm it was. A cold motor is
+    /// A motor without force is ready again within the stated number of outputs, from any temperature. A cold motor is
     /// always ready.
     ready_again(60, motor in motor(2000).prop_filter("long", |motor| motor.plan.patience() < 60_000)) {
         let mut winding = Winding::cold();

@@ -38,8 +38,8 @@ fn points() -> impl Strategy<Value = Vec<Point>> {
     })
 }
 
-/// Whether the documentation allows K and B. Between two points, K must be allowed at both. Below the first point, K is
-/// limited by the chord to it.
+/// Whether the documentation allows K and B. Between two points, K must be allowed at both points. Below the first
+/// point, K is limited by the chord to this point.
 fn is_inside(points: &[Point], k: f64, b: f64) -> bool {
     if k == 0.0 && b == 0.0 {
         return true;
@@ -66,7 +66,7 @@ fn allows(points: &[Point], k: f64, b: f64) -> Result<(), Outside> {
     Envelope::read(words).unwrap().allows(&KEY, k, b)
 }
 
-/// The limits in an error message, read from its text for a program and from its text for the console.
+/// The limits in an error message, read from two texts of the error: for a program, and for the console.
 fn read(outside: &Outside) -> [[f64; 2]; 2] {
     let reply = Text::<REPLY_MAX>::of(Reply::Outside(*outside, &device(any::PAPER), KEY));
     [outside.to_string(), reply.as_str().to_owned()].map(|line| {
@@ -105,7 +105,7 @@ fn near(points: &[Point], place: usize, which: u8, part: f64) -> [f64; 2] {
 }
 
 crate::properties! {
-    /// A wall is allowed exactly where the documentation allows it, up to a part in 10^12 of K and B.
+    /// A wall is allowed exactly where the documentation allows this wall, up to a part in 10^12 of K and B.
     as_on_the_page(2000, (points, place, which, part) in (points(), any::<usize>(), any::<u8>(), any::part())) {
         let [k, b] = near(&points, place, which, part);
         let inside = is_inside(&points, k, b);
@@ -120,8 +120,8 @@ crate::properties! {
         assert!(allows(&points, k, last * (1.0 + 1e-12)).is_err());
     }
 
-    /// The lowest and the highest gain that an error message prints are accepted when they are typed. A gain that is
-    /// one unit in the ninth digit beyond them is refused.
+    /// The lowest and the highest gain that an error message prints are accepted when they are typed. A gain outside
+    /// these two, by one unit in the ninth digit, is refused.
     printed(2000, (points, part, more) in (points(), any::part(), 0.0..1e6f64)) {
         let last = points[points.len() - 1].damping_n_s_per_m;
         let b = any::between(0.0, last, part);

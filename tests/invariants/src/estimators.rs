@@ -50,7 +50,7 @@ fn several() -> impl Strategy<Value = Vec<Tuned>> {
     })
 }
 
-/// A running estimator. It starts at rest at a count.
+/// A running estimator, which starts at rest at a count.
 struct Run {
     estimator: velocity::Tuned,
     state: State,
@@ -124,7 +124,7 @@ crate::properties! {
             let senses = random.senses();
             let velocity = here.step(count, &senses);
             assert_eq!(velocity, there.step(count + i64::from(by), &senses));
-            // As long as a counter of 16 bits can follow.
+            // True as long as a counter of 16 bits can follow.
             follows &= (count - last).abs() < 1 << 15;
             last = count;
             let sampled = narrow.sense(&control, count as u32 & 0xFFFF, &senses);
@@ -221,13 +221,13 @@ crate::properties! {
         }
     }
 
-    /// A linear estimator equals its equations in f64 within 3 LSB and the rounding of its coefficients, for any
-    /// motion.
+    /// The velocity of a linear estimator equals the velocity by its equations in f64, for any motion. Allowed are 3
+    /// LSB and the rounding of the coefficients.
     linear(200, (tuned, pieces, seed) in (tuned(), any::motion(300.0), any::<u64>())) {
         let says = stated(&tuned.settings, &tuned.design);
         let mut random = Random(seed);
         let counts = any::counts(&pieces);
-        // Within the force that moves a handle: a larger known force may saturate the state.
+        // The known force is small, as in the motion of a handle. A larger known force may saturate the state.
         let push = |random: &mut Random| Force::saturating_from_bits((random.bits() as i32) >> 12);
         let senses: Vec<Senses> =
             counts.iter().map(|_| Senses { force: push(&mut random), ..Senses::NONE }).collect();
@@ -245,7 +245,7 @@ crate::properties! {
     }
 
     /// With ideal edge times, the velocity of time stamps is a mean of the true velocity, even around a reversal. In
-    /// either direction it never exceeds the handle's largest speed, except for the rounding of the times.
+    /// either direction the velocity never exceeds the handle's largest speed, except for the rounding of the times.
     true_edges(200, (span, phase, pieces) in (
         1u32..=62,
         0.0..1.0f64,
@@ -256,7 +256,7 @@ crate::properties! {
         let (mut last, mut age) = (phase, None);
         let (mut slowest, mut fastest) = (0f64, 0f64);
         let mut up = true;
-        // At rest first, with one sample before the motion.
+        // The handle is at rest first, with one sample before the motion.
         for place in std::iter::once(0.0).chain(any::places(&pieces)) {
             let now = place + phase;
             let speed = now - last;

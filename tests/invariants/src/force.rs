@@ -120,8 +120,8 @@ impl Bench {
         }
     }
 
-    /// Carries out an event. Returns the number of outputs that follow, and the handle's motion before each of them,
-    /// counts.
+    /// Carries out an event. Returns the number of outputs that follow, and the handle's motion before each of these
+    /// outputs, counts.
     fn happen(&mut self, event: Event) -> (u8, i32) {
         match event {
             Event::Wait(outputs) => return (outputs, 0),
@@ -191,8 +191,8 @@ fn check(bench: &Bench, rendered: &Rendered) {
 }
 
 crate::properties! {
-    /// Whatever changes, requests, motions and inputs come, the force is within full scale and its code is the nearest
-    /// one. While the supervisor is off, the force is 0 with the code of 0. In the sign test the force is within 5 %.
+    /// With any changes, requests, motions and inputs, the force is within full scale and its code is the nearest one.
+    /// While the supervisor is off, the force is 0 with the code of 0. In the sign test the force is within 5 %.
     within_full_scale(150, (design, push_only, events) in (
         design(),
         any::<bool>(),
@@ -249,7 +249,7 @@ crate::properties! {
     }
 
     /// While the force is on, no request and no change of settings puts a wall at the handle's position, even directly
-    /// after a zero. The force does not come on inside a wall.
+    /// after a zero. The force is not switched on inside a wall.
     no_wall_on_the_handle(250, (design, place, events) in (
         design(),
         prop::option::of(-300i64..300),
@@ -257,7 +257,7 @@ crate::properties! {
     )) {
         let mut bench = Bench::new(design, false);
         match place {
-            // The force is off. To pass the sign test, the handle would have to move. But the test may begin.
+            // The force is off. To pass the sign test, the handle would have to move. But the sign test may begin.
             Some(place) => {
                 bench.rig.output();
                 bench.rig.count += place;
@@ -278,8 +278,8 @@ crate::properties! {
         }
     }
 
-    /// A wall that only pushes never pulls. Without a push no force points into the wall, whatever gains change and
-    /// fade, and wherever the handle moves. With a push, no force exceeds the push.
+    /// A wall that only pushes never pulls. Without a push no force points into the wall, for any change and fade of
+    /// gains, and any motion of the handle. With a push, no force exceeds the push.
     never_pulls(250, (design, push, events) in (
         design(),
         prop_oneof![2 => Just(0i32), 1 => 0i32..=1 << 30],
@@ -304,8 +304,8 @@ crate::properties! {
         }
     }
 
-    /// The force of a wall is that of its spring and damper in SI units, within a few parts in 10^9. At the surface,
-    /// beyond full scale, and where the wall would pull, the force follows the documentation.
+    /// The force of a wall is the force of its spring and damper in SI units, within a few parts in 10^9. At the
+    /// surface, beyond full scale, and where the wall would pull, the force follows the documentation.
     spring_and_damper(1500, (design, k, b, push_only, depth, speed, push, surface) in (
         any::design(),
         any::part(),
@@ -352,8 +352,8 @@ crate::properties! {
         assert_eq!(code_of(opposite) - zero, zero - code_of(drive.force));
     }
 
-    /// If an estimator gets a new tuning at any time, it restarts before the new tuning runs. The velocity jumps at
-    /// most by the limit of docs/estimators.md for a restart.
+    /// If an estimator gets a new tuning at any time, the estimator restarts before the new tuning runs. The velocity
+    /// jumps at most by the limit of docs/estimators.md for a restart.
     restarts_first(150, (design, names, pieces, at, seed) in (
         design(),
         prop::collection::vec((any::estimator(), any::parts()), 2..6),
@@ -373,7 +373,7 @@ crate::properties! {
         let mut wait = waits.next();
         let (mut order, mut asked) = (None::<LoopParameters>, None);
         let (mut velocity, mut last) = (0.0, 0);
-        // The motion forward and backward, so that it continues while the settings change.
+        // The motion forward, then backward. So the motion continues while the settings change.
         for count in counts.iter().chain(counts.iter().rev()) {
             let senses = zwidth::velocity::Senses { edge: None, ..random.senses() };
             let before = *orders.control();

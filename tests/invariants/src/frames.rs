@@ -74,7 +74,7 @@ fn bytes(frame: &Frame) -> Vec<u8> {
     bytes
 }
 
-/// A host that takes all frames and sends nothing.
+/// A host that reads all frames and sends nothing.
 #[derive(Clone, Default)]
 struct Listener(Rc<RefCell<Vec<u8>>>);
 
@@ -163,8 +163,8 @@ crate::properties! {
         assert_eq!(Frame::decode(&other), (other == sent).then_some(frame));
     }
 
-    /// A stream may begin anywhere, lack frames and contain garbage. Every complete frame in it is read in order.
-    /// Dropped frames and garbage are counted.
+    /// A stream may begin anywhere, lack frames and contain garbage. Every complete frame of the stream is read in
+    /// order. Dropped frames and garbage are counted.
     out_of_a_stream(150, (first, skipped, parts) in (
         prop_oneof![any::<u32>(), u32::MAX - 20..],
         0usize..40,

@@ -13,9 +13,9 @@ use crate::{
 };
 
 crate::properties! {
-    /// A move above its limit by one count, a speed above its limit by one LSB, and a missing output are found in their
-    /// sample. From then on every sample switches off until the fault is cleared. Only a due sample does not: its
-    /// output reports the fault.
+    /// A move above its limit by one count, a speed above its limit by one LSB, and a missing output are found in the
+    /// sample in which they happen. From then on every sample switches off until the fault is cleared. A due sample is
+    /// the exception: the output of this sample reports the fault.
     found_at_once(400, (period, jump, speed, samples, seed) in (
         prop_oneof![1u32..4, Just(10u32)],
         1u32..40,
@@ -91,14 +91,14 @@ crate::properties! {
         }
     }
 
-    /// The output task's view of the guard is never newer than the sample that the output answers. A zero is for this
-    /// sample.
+    /// The output task's view of the guard is never newer than the sample that the output answers. The view has the
+    /// zeros up to this sample.
     never_newer(500, (first, told) in (
         any::<u32>(),
         prop::collection::vec((0u32..30, 0u32..30), 1..40),
     )) {
         let mut view = GuardView::NOTHING;
-        // Samples continue. Some are answered, and some get a zero.
+        // Samples continue. Some samples are answered, and some samples get a zero.
         let (mut now, mut zeros) = (first, 0);
         let mut done: Vec<(u64, u32)> = Vec::new();
         let mut age = 0u64;
@@ -113,13 +113,13 @@ crate::properties! {
             let seen = view.at(now.wrapping_sub(back));
             let expected = done.iter().rfind(|(at, _)| *at <= answered).map_or(0, |(_, zeros)| *zeros);
             assert_eq!((seen.zeros, seen.events), (expected, zeros));
-            // The next zero is requested by an output that has seen this one.
+            // The next zero is requested by an output that has seen this zero.
             assert_eq!(view.at(now).zeros, zeros);
         }
     }
 
-    /// If a core was halted for longer than an output period and two samples, this is found once. A core whose outputs
-    /// are late by less than a period is never found.
+    /// If a core was halted for longer than an output period and two samples, the halt is found once. If the outputs
+    /// are late by less than a period, no halt is found.
     halts(500, (period, outputs, seed) in (prop_oneof![Just(1u32), Just(10), Just(100)], 2u32..60, any::<u64>())) {
         let mut random = Random(seed);
         let mut watch = HaltWatch::default();

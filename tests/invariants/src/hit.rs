@@ -18,10 +18,11 @@ fn positions() -> impl Strategy<Value = Vec<(i32, bool)>> {
     })
 }
 
-/// `n^2` times the variance, times 2^32. It is compared with `n^2` times the square of a limit in 2^-16 counts.
+/// `n^2` times the variance, times 2^32. The test compares this number with `n^2` times the square of a limit in 2^-16
+/// counts.
 fn scatter(window: &[(i32, bool)]) -> i128 {
     let n = window.len() as i128;
-    // Relative to the first position, since a sum over all pairs would take too long.
+    // Positions are relative to the first position, since a sum over all pairs would take too long.
     let first = i128::from(window.first().map_or(0, |(x, _)| *x));
     let sum: i128 = window.iter().map(|(x, _)| i128::from(*x) - first).sum();
     let squares: i128 = window.iter().map(|(x, _)| (i128::from(*x) - first).pow(2)).sum();
@@ -46,7 +47,7 @@ fn model(plan: &HitPlan, limit: u32, samples: &[(i32, bool)]) -> Verdict {
     if stable { Verdict::Stable } else { Verdict::Unstable }
 }
 
-/// A limit at which the verdict changes: the RMS of the positions, or a random value near it.
+/// A limit at which the verdict changes: the RMS of the positions, or a random value near this RMS.
 fn limit_near(window: &[(i32, bool)], off: i64) -> u32 {
     let n = window.len() as f64;
     let rms = (scatter(window) as f64).sqrt() / n * 65_536.0;
@@ -54,8 +55,8 @@ fn limit_near(window: &[(i32, bool)], off: i64) -> u32 {
 }
 
 crate::properties! {
-    /// A hit is judged exactly at the last sample of its window: below, at or above the limit, in contact or not. An
-    /// early verdict equals the late one. Samples after the end change nothing.
+    /// The verdict of a hit comes exactly at the last sample of its window: below, at or above the limit, in contact or
+    /// not. An early verdict equals the late verdict. Samples after the end change nothing.
     judged(1500, (samples, settle, off) in (positions(), 0u32..60, -2i64..=2)) {
         let settle = settle.min(samples.len() as u32 - 1);
         let window = samples.len() as u32 - settle;

@@ -1,9 +1,9 @@
 //! Properties of the library that must always hold. Random cases try each property.
 //!
 //! A property has a line of text, a strategy for its cases, and a check. Each module below has the properties of one
-//! area of the library. A check compares with a second implementation, which is written from the documentation and not
-//! from the code. `cargo test` tries each property with a fixed seed. `cargo invariants` tries them for any time, with
-//! any seed ([`campaign`]).
+//! area of the library. A check compares the library with a second implementation, which is written from the
+//! documentation and not from the code. `cargo test` tries each property with a fixed seed. `cargo invariants` tries
+//! the properties for any time, with any seed ([`campaign`]).
 
 #![forbid(unsafe_code)]
 #![allow(

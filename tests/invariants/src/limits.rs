@@ -52,7 +52,7 @@ fn holds(name: &str, refusal: &Refusal<'_>) {
     }
 }
 
-/// As [`holds`] for whole numbers.
+/// Checks the same as [`holds`], for whole numbers.
 fn holds_whole(name: &str, refusal: &dyn Fn(u32) -> Option<SettingsError>) {
     let wrong = |value: f64| refusal(value as u32).filter(|error| error.parameter == name);
     let error = wrong(0.0).unwrap();
@@ -79,7 +79,7 @@ fn safety(design: &Design) -> SafetySettings {
     }
 }
 
-/// A device of this design. `hit` sets the length of its hit, up to the longest.
+/// A device of this design. `hit` sets the length of the hit, up to the longest allowed length.
 pub fn device(design: Design) -> Device<'static> {
     let far = 5e3 * design.resolution_m;
     Device {
@@ -253,7 +253,7 @@ crate::properties! {
         }
     }
 
-    /// Limits that depend on other numbers of a device behave in the same way. They are the full scale that a
+    /// Limits that depend on other numbers of a device behave in the same way. These limits are the full scale that a
     /// calibration may find, the start of a hit, and the longest sum of settle and window.
     of_hits(800, (design, wall, settle) in (any::design(), 0.0..1.0f64, 0.01..0.99f64)) {
         let bench = device(design);
@@ -265,7 +265,7 @@ crate::properties! {
         stored.settings.wall.position_m = (1e3 + 2e4 * wall) * design.resolution_m;
         let with = |start_m: f64| bench.experiment(&zwidth::store::Stored { start_m, ..stored }).err();
         holds("start_m", &with);
-        // The printed longest time, divided in milliseconds.
+        // The printed longest time, split into two. The first part is a whole number of milliseconds.
         let long = zwidth::store::Stored { settle_s: 100.0, window_s: 1e4 / design.rate_hz, ..stored };
         let Some(error) = bench.hit_sequence(&long, false).err() else { return Ok(()) };
         if error.parameter != "settle_s and window_s together" {
@@ -278,7 +278,7 @@ crate::properties! {
             let window_s: f64 = Decimal(end - settle_s).to_string().parse().unwrap();
             let built = bench.hit_sequence(&zwidth::store::Stored { settle_s, window_s, ..stored }, false);
             assert!(built.is_ok(), "{line}: {settle_s} and {window_s}: {:?}", built.err());
-            // One sample more, since half a sample is rounded away.
+            // The test adds a whole sample, since half a sample is rounded away.
             let window_s = window_s + 1.0 / design.rate_hz;
             let built = bench.hit_sequence(&zwidth::store::Stored { settle_s, window_s, ..stored }, false);
             assert!(built.is_err(), "{line}: {settle_s} and {window_s} of {longest} are accepted");

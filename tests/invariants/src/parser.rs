@@ -17,8 +17,8 @@ fn number(text: &str) -> Option<f64> {
 }
 
 /// Whether the documentation allows a text as a number: an optional sign, digits with at most one point, at most 15
-/// significant digits, at most three digits of exponent. Written as a whole number times a power of ten, the power is
-/// at most 22.
+/// significant digits, at most three digits of exponent. If the number is written as a whole number times a power of
+/// ten, the exponent is at most 22.
 fn is_offered(text: &str) -> bool {
     let unsigned = text.strip_prefix(['+', '-']).unwrap_or(text);
     let lower = unsigned.to_ascii_lowercase();
@@ -121,12 +121,12 @@ crate::properties! {
         }
     }
 
-    /// Any bytes are cut into lines as by the standard library. A line that is too long is refused once. Blank lines
-    /// are ignored.
+    /// The console cuts any bytes into the same lines as the standard library. A line that is too long is refused once.
+    /// Blank lines are ignored.
     lines(150, pieces in prop::collection::vec(
         prop_oneof![
             2 => prop::collection::vec(any::<u8>(), 0..20),
-            // Near the longest accepted length.
+            // Lines near the longest accepted length.
             2 => (LINE_MAX - 3..LINE_MAX + 4).prop_map(|length| vec![b'x'; length]),
             1 => (0..2 * LINE_MAX).prop_map(|length| vec![b' '; length]),
             4 => prop::sample::select(vec!["\n", "\r", "\r\n"]).prop_map(|end| end.as_bytes().to_vec()),

@@ -1,4 +1,4 @@
-//! A property, and the macro with which the modules define theirs.
+//! A property, and the macro with which modules define their properties.
 
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
@@ -39,8 +39,8 @@ impl Property {
     }
 }
 
-/// The properties of a module. Each has a text, a name, the number of cases in a batch, a strategy, and the check of a
-/// case. The check panics if the property does not hold.
+/// The properties of a module. Each property has a text, a name, the number of cases in a batch, a strategy, and the
+/// check of a case. The check panics if the property does not hold.
 #[macro_export]
 macro_rules! properties {
     ($(

@@ -93,8 +93,9 @@ fn at(counts: i64) -> Position {
 }
 
 crate::properties! {
-    /// Wherever the handle is and moves, a return ends in time and its force is within its limit. In contact its force
-    /// never points into the wall. It has arrived only if the handle was at rest at the start.
+    /// For any position and motion of the handle, a return ends in time, with a force within its limit. In contact the
+    /// force of the return never points into the wall. The return has arrived only if the handle was at rest at the
+    /// start.
     bounded(150, (back, seed, mode) in (accepted(), any::<u64>(), 0u8..4)) {
         let mut random = Random(seed);
         let mut run = Return::default();
@@ -132,8 +133,8 @@ crate::properties! {
         }
     }
 
-    /// Every accepted return begins: a handle at rest away from the start is soon pushed towards the start, and only
-    /// towards it.
+    /// Every accepted return begins: a handle at rest away from the start is soon pushed towards the start, and in no
+    /// other direction.
     begins(300, (back, away, side) in (accepted(), 0.0..1.0f64, any::<bool>())) {
         // Outside the tolerance, and inside the range of positions.
         let far = back.tolerance() * 2.0 + away * 1e6 + 10.0;

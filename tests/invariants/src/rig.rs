@@ -27,7 +27,7 @@ pub const NO_WALL: WallSettings = WallSettings {
     push_only: true,
 };
 
-/// The widest limits, so that they never end a case.
+/// The widest limits. So no limit ends a case.
 pub fn wide(design: &Design) -> SafetySettings {
     let unit = design.resolution_m * design.rate_hz;
     SafetySettings {
@@ -136,14 +136,15 @@ impl Rig {
         self.supervisor.status().state
     }
 
-    /// Sets the zero and passes the sign test by a handle that follows the force. The ramp comes next.
+    /// Sets the zero, and runs the sign test with a handle that follows the force. After the sign test, the ramp
+    /// begins.
     pub fn pass_sign_test(&mut self) {
         self.output();
         self.ask(Request::Zero).unwrap();
         self.output();
         self.output();
         self.ask(Request::Arm).unwrap();
-        // Two outputs may be a quarter of the test. This is so fast that the response is far above the limit.
+        // Two outputs may be a quarter of the test. In so short a test the response is far above the limit.
         let quarter = 0.025 * self.design.rate_hz / f64::from(self.design.period);
         let faster = (200.0 / (quarter * quarter)).ceil() as i64;
         let (mut speed, mut outputs) = (0, 0);

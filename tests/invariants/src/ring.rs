@@ -10,7 +10,7 @@ mod position_ring;
 
 use position_ring::{FOLLOWED, Follower, is_kept, note, read};
 
-/// There is only one ring. This mutex lets one test use it at a time.
+/// There is only one ring. With this mutex, only one test uses the ring at a time.
 static RING: Mutex<()> = Mutex::new(());
 
 /// A position that contains the number of its sample.
@@ -20,7 +20,7 @@ fn place(sample: u64) -> Position {
 
 crate::properties! {
     /// Samples may come between any two steps of the follower. The follower reads the position of every sample up to
-    /// the requested one, in order and once. It leaves out positions that are too old.
+    /// the requested one, in order and once. The follower leaves out positions that are too old.
     followed(300, (first, turns) in (
         prop_oneof![Just(0u64), any::<u32>().prop_map(u64::from)],
         prop::collection::vec((

@@ -24,7 +24,8 @@ pub struct Stated {
     /// Samples until a change of speed by one count per sample has settled. The second value is for each further count
     /// per sample.
     pub settles: [f64; 2],
-    /// First velocity after a restart. It depends on the difference between the next counts and the old velocity.
+    /// First velocity after a restart. This velocity depends on the difference between the next counts and the old
+    /// velocity.
     pub first: First,
     /// The estimator in `f64`, if it is linear.
     pub twin: Twin,
@@ -42,8 +43,8 @@ pub struct Resonance {
     pub coefficients: f64,
     /// Largest gain from input to output.
     pub gain: f64,
-    /// Largest gain before the last section; 0 with one section. There a value may saturate although the output is in
-    /// range.
+    /// Largest gain before the last section; 0 with one section. Before the last section, a value may saturate although
+    /// the output is in range.
     pub inside: f64,
 }
 
@@ -76,7 +77,7 @@ impl Resonance {
         Self { rounding: 0.5 * shaped + 1.0, coefficients, gain, inside: 0.0 }
     }
 
-    /// Limits of this section if a second section follows, which makes the errors of this one larger.
+    /// Limits of this section if a second section follows, which makes the errors of this section larger.
     fn then(self, next: Self) -> Self {
         Self {
             rounding: self.rounding * next.gain + next.rounding,
@@ -132,7 +133,7 @@ impl Twin {
         }
     }
 
-    /// Largest difference of the integers from the equations at speeds up to `fastest`, LSB. Its causes are rounding,
+    /// Largest difference of the integers from the equations at speeds up to `fastest`, LSB. The causes are rounding,
     /// and rounded coefficients.
     pub fn lsb(&self, fastest: f64) -> f64 {
         match self {
@@ -145,14 +146,14 @@ impl Twin {
 /// How the first velocity after a restart depends on the counts.
 #[derive(Clone, Copy, Debug)]
 pub enum First {
-    /// This fraction of the difference, and at most this value in addition.
+    /// The first value is a fraction of the difference. The second value is the largest addition.
     Part(f64, f64),
-    /// The square root of the difference times this value.
+    /// This value times the square root of the difference.
     Root(f64),
     /// The difference, limited to this value.
     Bounded(f64),
-    /// The known acceleration: half of it is subtracted from the difference, and this fraction of the result is used.
-    /// The second value is the acceleration at full-scale force, or `None` if it is measured.
+    /// Half of the known acceleration is subtracted from the difference. The first value is the fraction of the result.
+    /// The second value is the acceleration at full-scale force, or `None` if the acceleration is measured.
     Known(f64, Option<f64>),
     /// A mean over this time, or the limit from one count since the last edge.
     Mean(f64),
@@ -181,8 +182,8 @@ impl Stated {
         }
     }
 
-    /// Largest jump of the velocity in the first sample after a restart at `velocity`. It includes 2 LSB and 2^-30 of
-    /// the difference for rounding.
+    /// Largest jump of the velocity in the first sample after a restart at `velocity`. The jump includes 2 LSB and
+    /// 2^-30 of the difference for rounding.
     pub fn jump(&self, velocity: f64, counts: f64, senses: &Senses) -> f64 {
         let off = (counts - velocity).abs();
         let rounding = 2.0 / LSB + off * 2f64.powi(-30);
@@ -288,7 +289,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
     };
     let c =
         |acceleration: f64| acceleration / (design.resolution_m * design.rate_hz * design.rate_hz);
-    // With a noise limit below one count, quantisation counts as motion.
+    // With a noise limit below one count, quantisation is treated as motion.
     let windowed = |error: f64, window_samples: u32, noise_counts: f64| {
         let window = f64::from(window_samples);
         let error = if noise_counts < 1.0 { 1.0 } else { error / window };

@@ -107,7 +107,7 @@ impl<const UNIT: usize> NorFlash for Flash<UNIT> {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerLost> {
         check_erase(self, from, to)?;
         let mut units: Vec<usize> = (from as usize..to as usize).step_by(UNIT).collect();
-        // In random order.
+        // The units come in random order.
         for n in (1..units.len()).rev() {
             let other = self.torn.below(n as u64 + 1) as usize;
             units.swap(n, other);
@@ -154,12 +154,12 @@ fn stored(number: f64, name: EstimatorName, flags: [bool; 3]) -> Stored {
     }
 }
 
-/// A save: its number, and after how many units the power is cut, if at all.
+/// A save: its number, and the number of units until a power cut, if there is a power cut.
 type Step = (u16, Option<u32>);
 
 fn steps() -> impl Strategy<Value = Vec<Step>> {
     let cut = prop::option::of(1u32..(2 * RECORD_BYTES + SECTOR_BYTES) as u32 / 4);
-    // Early cuts are more frequent, since wide units are few.
+    // Early cuts are more frequent, since a record has few wide units.
     let cut = prop_oneof![2 => cut, 1 => prop::option::of(1u32..50)];
     prop::collection::vec((0u16..50, cut), 1..25)
 }
@@ -174,7 +174,7 @@ fn remains() -> impl Strategy<Value = [Option<(usize, usize)>; 2]> {
 fn survives<const UNIT: usize>(remains: [Option<(usize, usize)>; 2], steps: &[Step], seed: u64) {
     let mut flash = Flash::<UNIT>::left_by_others(remains, seed);
     let defaults = stored(-1.0, EstimatorName::Difference, [false; 3]);
-    // Allowed contents: after a cut, one of two.
+    // The allowed contents. After a cut, there are two.
     let mut may = vec![defaults];
     let (mut saved, names) = (false, EstimatorName::ALL);
     for (number, cut) in steps {
@@ -198,7 +198,7 @@ fn survives<const UNIT: usize>(remains: [Option<(usize, usize)>; 2], steps: &[St
         }
         if loaded.stored != defaults {
             assert!(matches!(loaded.source, Source::Newest | Source::Older));
-            // The contents do not change any more: the interrupted record is either complete or lost for ever.
+            // The contents do not change any more: the interrupted record is complete, or it is lost for ever.
             may = vec![loaded.stored];
             saved = true;
         } else if !saved {
@@ -219,8 +219,8 @@ crate::properties! {
         }
     }
 
-    /// A record is read back bit for bit, whatever its numbers are. After a change of one word, or of up to three bits,
-    /// it is not read, because a CRC-32 always detects these changes.
+    /// A record with any numbers is read back bit for bit. After a change of one word, or of up to three bits, the
+    /// record is not read, because a CRC-32 always detects these changes.
     records(500, (number, place, flags, sequence, flips) in (
         any::<f64>(),
         any::<prop::sample::Index>(),

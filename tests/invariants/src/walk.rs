@@ -52,7 +52,7 @@ enum World {
     Arch { top: i64, middle: i64, fall: i64 },
     /// Random walls, all with contact: `of_eight` of eight are stable.
     Random { seed: u64, of_eight: u64 },
-    /// Random walls. Some of them have no contact.
+    /// Random walls. Some of these walls have no contact.
     Loose { seed: u64 },
 }
 
@@ -95,7 +95,7 @@ fn told(grid: &Grid, world: &World) -> Told {
     let mut capped = false;
     let cell = |[i, j]: [i64; 2]| Cell { stiffness: i as i32, damping: j as i32 };
     let [mut i, mut j] = [0, 0];
-    // The highest stable K of each column. The search starts at the K of the column before.
+    // The highest stable K of each column. The search starts at the K of the previous column.
     loop {
         let mut highest = None;
         let mut at = i;
@@ -142,8 +142,9 @@ fn told(grid: &Grid, world: &World) -> Told {
 }
 
 crate::properties! {
-    /// A walk has the hits, boundary, area and end of a walk that is described column by column in whole numbers,
-    /// whatever walls are stable. After its end it stays within its largest values and repeats its answer.
+    /// A walk has the same hits, boundary, area and end as a second walk, which is described column by column in whole
+    /// numbers. This is true for any set of stable walls. After the end the walk stays within its largest values and
+    /// repeats its answer.
     told_column_by_column(300, (grid, world) in (grid(), world())) {
         let told = told(&grid, &world);
         let settings = grid.settings();

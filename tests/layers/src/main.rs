@@ -1,7 +1,7 @@
-//! Checks the layers of core, simulator, virtual board and live page. No file imports from a layer above its own. Files
-//! do not import each other in a circle, unless one is the other's child. Kernel and product name no crate of the
-//! laboratory, except in the files that lend it a command. `cargo run --package layers` names each offence with file
-//! and line. Its exit code is 1 if there is an offence.
+//! Checks the layers of core, simulator, virtual board and live page. No file imports from a layer above its own.
+//! Imports form no circle, except between a module and its child module. Kernel and product name no crate of the
+//! laboratory, except in the files that offer a command of the laboratory. `cargo run --package layers` names each
+//! offence with file and line. The exit code is 1 if there is an offence.
 #![allow(clippy::unwrap_used, reason = "a source file that cannot be read ends the check")]
 
 mod source;
@@ -70,7 +70,7 @@ const LIVE: &[&[&str]] = &[
     &["history"],
 ];
 
-/// Crates of the laboratory. `LENDERS` are the files that lend them a command.
+/// Crates of the laboratory. `LENDERS` are the files that offer a command of the laboratory.
 const LABORATORY: &[&str] = &["board_trials", "lab_trade", "filter_forms", "host_sim_bench"];
 const LENDERS: &[&str] = &[
     "host-sim/src/cli/trade.rs",

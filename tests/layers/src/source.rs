@@ -45,8 +45,8 @@ pub struct Source {
 }
 
 impl Source {
-    /// Reads `folders` of the workspace. Their code uses `own_names` for these crates. Several folders are taken as one
-    /// crate, so their modules must have different names.
+    /// Reads `folders` of the workspace. The code in these folders names their crates by `own_names`. Several folders
+    /// are treated as one crate, so their modules must have different names.
     pub fn read(folders: &[&str], own_names: &'static [&'static str]) -> Self {
         let mut texts = vec![];
         for folder in folders {
@@ -56,7 +56,7 @@ impl Source {
         Self::of(texts, folders, own_names)
     }
 
-    /// As [`read`](Self::read), with path and text of each file.
+    /// Does the same as [`read`](Self::read) for given texts, each with its path.
     pub fn of(
         texts: Vec<(String, String)>,
         folders: &[&str],
@@ -211,7 +211,7 @@ fn tokens(text: &str) -> Vec<(usize, String)> {
     tokens
 }
 
-/// The end of the raw string that begins here; `None` if none begins here.
+/// The end of the raw string that begins here; `None` if no raw string begins here.
 fn raw_string(text: &str) -> Option<String> {
     let rest = text.strip_prefix("br").or_else(|| text.strip_prefix('r'))?;
     let hashes = rest.len() - rest.trim_start_matches('#').len();
@@ -347,7 +347,7 @@ impl Reader<'_> {
         self.file.named.push(Named { line, from: from.clone(), path });
     }
 
-    /// Reads a tree of `use` after `path`, up to its comma, brace or semicolon.
+    /// Reads a tree of `use` after `path`, up to the comma, brace or semicolon at the end of the tree.
     fn tree(&mut self, from: &Module, path: &[String]) {
         let mut path = path.to_vec();
         loop {

@@ -1,6 +1,6 @@
 //! The control path alone, compiled for the board. `tests/elf/control_path.rs` checks the machine code of all functions
 //! between encoder and command, and of every estimator (feature `estimators`). One function with floats does not belong
-//! to the control path. It shows that the check finds such functions.
+//! to the control path. This function shows that the check finds functions with floats.
 #![cfg_attr(target_os = "none", no_std)]
 
 mod supervision;
@@ -25,7 +25,7 @@ pub extern "C" fn zwidth_sample(
     *motion = sampler.sample(control, counter).motion;
 }
 
-/// As [`zwidth_sample`], with any estimator.
+/// Does the same as [`zwidth_sample`], with any estimator.
 #[cfg(feature = "estimators")]
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_estimate(

@@ -53,8 +53,8 @@ pub fn answer(at: usize, bytes: usize) {
     }
 }
 
-/// Replaces a sample by its velocity and notes the cycles. It is a macro, because a closure would load its captured
-/// values while the cycles are counted.
+/// Replaces a sample by its velocity and notes the cycles. The code is a macro, because a closure would load its
+/// captured values while the cycles are counted.
 macro_rules! measure {
     ($sample:ident, $cycles:ident, $velocity:expr) => {
         let before = DWT::cycle_count();

@@ -1,5 +1,5 @@
-//! Functions that supervise the control path, and functions of its communication. Their machine code is checked in the
-//! same way.
+//! Functions that supervise the control path, and functions for communication. `tests/elf/control_path.rs` also checks
+//! the machine code of these functions.
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use zwidth::{

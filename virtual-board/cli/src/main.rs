@@ -147,7 +147,7 @@ fn execute(command: Command) -> Result<(), Error> {
             let capture = outputs.option(telemetry.as_ref())?;
             let session = common.session(scene)?;
             let ended = run(&session, common.period, &mut outputs, capture);
-            // The capture is always complete up to now. It is most needed when the program has stopped.
+            // The capture is always complete up to now. The capture is most useful when the program has stopped.
             outputs.commit().and(ended)
         }
         Command::Hit { common, json, cutoff, stiffness, damping, telemetry, force } => {
@@ -256,7 +256,7 @@ fn run(
             if ended {
                 return Ok(());
             }
-            // Input from a pipe is waited for, so that each run gives the same result.
+            // The program waits for input from a pipe, so that each run gives the same result.
             match lines.recv_timeout(if live { Duration::ZERO } else { LOOK }) {
                 Ok(line) => waiting = typed(&mut world, units, line?.trim())?,
                 Err(RecvTimeoutError::Timeout) if live => {}

@@ -76,7 +76,8 @@ fn move_by_hand(world: &mut World<'_>, place_m: f64) -> Result<(), Error> {
     Ok(())
 }
 
-/// Lines from the keyboard, until its end. If the board reads slower than the user types, the user has to wait.
+/// Lines from the keyboard, up to the end of the input. If the board reads slower than the user types, the user has to
+/// wait.
 pub(super) fn stdin() -> Receiver<Result<String, Error>> {
     let (send, receive) = sync_channel(16);
     thread::spawn(move || {

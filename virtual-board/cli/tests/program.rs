@@ -1,4 +1,5 @@
-//! Tests the command line without a firmware: bad input, output files, interruption. Tests with one are in tests/elf.
+//! Tests the command line without a firmware: bad input, output files, interruption. Tests with a firmware are in
+//! tests/elf.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a test fails loudly")]
 
@@ -108,7 +109,7 @@ fn a_scene_that_goes_with_no_record_is_refused_before_anything_runs() {
 
 #[test]
 fn an_image_of_the_other_board_is_named() {
-    // The smallest ELF that holds a board's name in flash: header, one segment, the name.
+    // The smallest ELF that has a board's name in flash: header, one segment, the name.
     let mut elf = b"\x7fELF\x01\x01\x01".to_vec();
     elf.resize(16, 0);
     let word = |value: u32| value.to_le_bytes();

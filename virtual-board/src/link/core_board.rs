@@ -1,6 +1,6 @@
 //! The firmware's library with a simulated device, without a chip. Console, supervisor, experiments and core are the
-//! same code as in the release image. They run sample by sample with the simulator's plant. Instructions, registers and
-//! flash are not simulated. So this board runs about a hundred times faster than the emulator.
+//! same code as in the release image. This code runs sample by sample with the simulator's plant. Instructions,
+//! registers and flash are not simulated. So this board runs about a hundred times faster than the emulator.
 
 use std::{collections::VecDeque, sync::Arc};
 
@@ -32,8 +32,8 @@ const TYPED: usize = 255;
 /// to zero in the second half.
 const HELD_SAMPLES: u64 = 600;
 
-/// The device of a scene on a board. The board's own scene gets the device of its image. The device's memory is never
-/// freed.
+/// The device of a scene on a board. For the board's own scene, this is the device of the board's image. The device's
+/// memory is never freed.
 fn device_of(scene: &NamedScene, board: Board) -> Result<&'static Device<'static>, Error> {
     let Some(record) = device::record(scene, board)? else { return Ok(device::built_in(board)) };
     Ok(Box::leak(Box::new(device::read(&record, board)?)))
@@ -136,7 +136,7 @@ impl CoreBoard {
         self.line.truncate(TYPED); // limits a line that never ends
     }
 
-    /// Applies a change that may disable the amplifier. If it does, the force ends.
+    /// Applies a change that may disable the amplifier. If the amplifier is then disabled, the force ends.
     fn enabling<T>(&mut self, what: impl FnOnce(&mut CoreProgram) -> T) -> T {
         let before = self.program.is_enabled();
         let done = what(&mut self.program);

@@ -23,14 +23,14 @@ use crate::{
 
 /// Largest time by which the board may be ahead of real time.
 const AHEAD: Duration = Duration::from_millis(1);
-/// If the board is behind real time by more than this, it does not catch up.
+/// If the board is behind real time by more than this, the board does not catch up.
 const BEHIND: Duration = Duration::from_millis(20);
 
 /// Set-up of the board before it runs in real time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Begin {
-    /// True: a hand has held the handle at the scene's 0 and set the zero there. So the board's positions are the
-    /// scene's. False: the handle rests at the device's rest position.
+    /// True: the zero was set while a hand held the handle at the scene's 0. So the board's positions are the scene's.
+    /// False: the handle rests at the device's rest position.
     pub zeroed: bool,
     /// Output period in place of the board's own, in samples.
     pub period: Option<u32>,
@@ -46,7 +46,7 @@ impl Begin {
     }
 }
 
-/// A virtual board in real time. Dropping it switches the board off.
+/// A virtual board in real time. Dropping this value switches the board off.
 pub struct LiveBoard {
     pub wires: Arc<Wires>,
     ended: Arc<AtomicBool>,
@@ -62,10 +62,10 @@ impl LiveBoard {
         Self::with_gdb(session, begin, None)
     }
 
-    /// As [`start`](Self::start), with a port for gdb. The listener must not block.
+    /// Switches a board on as [`start`](Self::start) does, with a port for gdb. The listener must not block.
     ///
     /// # Errors
-    /// As [`start`](Self::start).
+    /// The errors of [`start`](Self::start).
     pub fn with_gdb(
         session: Session,
         begin: Begin,

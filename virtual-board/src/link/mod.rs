@@ -32,7 +32,7 @@ pub const COMMANDS: usize = 0;
 
 /// Time between two checks of a channel.
 const LOOK: Duration = Duration::from_millis(1);
-/// A client that reads nothing for so long is disconnected. The board does not wait for it.
+/// Time after which a client that reads nothing is disconnected. The board does not wait for this client.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Result of a read or write of a non-blocking stream; `None` if the stream is not ready.

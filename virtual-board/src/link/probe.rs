@@ -2,8 +2,8 @@
 //! probes are elsewhere.
 //!
 //! A probe halts the core when it attaches and when it detaches. A halt with the force on is fault 32. So the force
-//! must be off before both halts. Before attaching, the caller must switch it off. This link sends `disarm` as its
-//! first line and as its last line. The probe detaches when the board has replied that the force is off.
+//! must be off before both halts. Before attaching, the caller must switch the force off. This link sends `disarm` as
+//! its first line and as its last line. The probe detaches when the board has replied that the force is off.
 
 use std::{
     thread,
@@ -24,15 +24,16 @@ mod channels;
 #[cfg(test)]
 mod tests;
 
-/// A board with nothing but errors for so long is lost. A reset takes less time.
+/// Time with nothing but errors after which a board is treated as lost. A reset takes less time.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Longest wait for an answer. An answer usually takes some milliseconds; after a `save` it takes a second.
+/// Longest wait for an answer. An answer usually takes some milliseconds; after a `save`, an answer takes a second.
 const ANSWER: Duration = Duration::from_secs(2);
 /// Longest wait for the last answer. After Ctrl-C a program has 0.4 s in all.
 const LEAVE: Duration = Duration::from_millis(200);
 /// Time between two checks of an idle board.
 const LOOK: Duration = Duration::from_millis(1);
-/// Number of bytes of the program that are compared: the vectors, which nearly every change of a program changes.
+/// Number of compared bytes of the program. These bytes are the vectors, which differ after nearly every change of a
+/// program.
 const COMPARED: usize = 256;
 
 /// A core that a probe has opened. Each error is one line of text.
@@ -40,7 +41,7 @@ pub trait Core: Memory<Error = String> {
     /// Whether the core is halted.
     ///
     /// # Errors
-    /// The probe cannot tell.
+    /// The probe cannot read the core's state.
     fn is_halted(&mut self) -> Result<bool, String>;
 }
 
@@ -49,7 +50,7 @@ pub trait Probe {
     /// Opens the core. Opening takes as long as several transfers, so one opening serves all channels.
     ///
     /// # Errors
-    /// The core could not be reached; one line of text.
+    /// The core could not be reached. The error is one line of text.
     fn core(&mut self) -> Result<impl Core, String>;
 }
 
@@ -101,7 +102,7 @@ impl<P: Probe> ProbeLink<P> {
     /// Takes over a probe that is attached to a board with the program `elf`. Sends `disarm` and asks for the state.
     ///
     /// # Errors
-    /// The board has another program, does not run or does not answer; one line of text.
+    /// The board has another program, does not run or does not answer. The error is one line of text.
     pub fn attach(mut probe: P, elf: &Elf) -> Result<(Self, Met), String> {
         let address = elf.address_of("_SEGGER_RTT").ok_or("the ELF has no symbol _SEGGER_RTT")?;
         compare(&mut probe.core()?, elf)?;
@@ -126,7 +127,7 @@ impl<P: Probe> ProbeLink<P> {
         self.ask(b"\ndisarm\n", is_off, patience).map(drop)
     }
 
-    /// Sends a line and waits for its answer. It also tries this with a lost board.
+    /// Sends a line and waits for its answer. The line is also sent to a lost board.
     fn ask(
         &mut self,
         line: &[u8],
@@ -271,7 +272,7 @@ fn compare(core: &mut impl Core, elf: &Elf) -> Result<(), String> {
     }
 }
 
-/// Waits between two checks. After Ctrl-C it returns an error, unless the program is leaving the board.
+/// Waits between two checks. After Ctrl-C, returns an error, except while the program leaves the board.
 fn rest(leaving: bool) -> Result<(), String> {
     thread::sleep(LOOK);
     let is_over = interrupt::is_requested() && !leaving;

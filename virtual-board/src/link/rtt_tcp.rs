@@ -21,7 +21,7 @@ impl RttTcp {
     /// Connects to the port of `HOST:PORT` and to the ports after it.
     ///
     /// # Errors
-    /// The address is not valid, or no server answers there; one line of text.
+    /// The address is not valid, or no server answers there. The error is one line of text.
     pub fn connect(address: &str) -> Result<Self, String> {
         let (host, port) = address
             .rsplit_once(':')

@@ -26,12 +26,12 @@ const TRIES: usize = 100;
 /// Ports to listen on; 0: any free port.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Ports {
-    /// The first of three.
+    /// The first of three consecutive ports.
     pub rtt: u16,
     pub gdb: Option<u16>,
 }
 
-/// A virtual board behind three TCP ports. Dropping it switches the board off.
+/// A virtual board behind three TCP ports. Dropping this value switches the board off.
 pub struct Server {
     /// Port of channel 0. The other channels have the ports after it.
     pub port: u16,
@@ -71,7 +71,7 @@ impl Drop for Server {
     }
 }
 
-/// Serves until the user interrupts it or the board's program ends.
+/// Serves until the user presses Ctrl-C, or until the board's program ends.
 ///
 /// # Errors
 /// The errors of [`Server::start`], and the end of the board's program.
@@ -138,7 +138,7 @@ fn channel_of(channel: usize, listener: &TcpListener, board: &LiveBoard, over: &
     while !over.load(Relaxed) {
         match listener.accept() {
             Ok((client, _)) => {
-                // It is no error of the board if a client disconnects.
+                // A client that disconnects is no error of the board.
                 let _ = attend(channel, client, board, over);
                 board.wires.attend(channel, false);
             }
@@ -173,7 +173,8 @@ fn attend(
         if stuck > PATIENCE {
             return Err(ErrorKind::TimedOut.into());
         }
-        // If the board has no room, bytes stay in the socket. If the socket is full too, they stay with the client.
+        // If the board has no room, bytes stay in the socket. If the socket is also full, the bytes stay with the
+        // client.
         if down.is_empty() {
             match at_once(client.read(&mut bytes))? {
                 Some(0) => return Ok(()),

@@ -171,7 +171,7 @@ impl Link for WiredLink {
 }
 
 /// Runs a board in steps of a millisecond. The actions of people take effect before each step. The board's output is
-/// passed on after it.
+/// passed on after each step.
 pub struct Slices {
     wires: Arc<Wires>,
     stop_open: bool,

@@ -70,7 +70,7 @@ impl WireSink for Wire {
     }
 }
 
-/// The flash controller's port. It counts the accesses, and its register OPTCR shows `BOR_LEV`.
+/// The flash controller's port. The port counts the accesses. The register OPTCR shows `BOR_LEV`.
 #[derive(Debug)]
 pub(super) struct FlashPort {
     pub(super) lazy: Lazy,

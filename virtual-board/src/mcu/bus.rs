@@ -21,14 +21,14 @@ use super::{DacListener, gate::Block};
 pub(super) struct Clock {
     /// Start of the present instruction, cycles.
     now: AtomicU64,
-    /// Time of the edge that is being delivered, cycles. It may be earlier than `now` for an event of TIM1.
+    /// Time of the edge that is being delivered, cycles. For an event of TIM1, the edge may be earlier than `now`.
     edge: AtomicU64,
     /// Whether a peripheral was accessed, which may have changed the time of its next event.
     touched: AtomicBool,
     /// Whether the chip's clock differs from the clock that was set up.
     changed: AtomicBool,
-    /// State of a changed clock, in four fields: cycle of the change, cycles lost before it, present frequency and
-    /// set-up frequency, MHz.
+    /// State of a changed clock, in four fields: cycle of the change, cycles lost before the change, present frequency
+    /// and set-up frequency, MHz.
     since: AtomicU64,
     lost: AtomicU64,
     mhz: AtomicU64,
@@ -134,7 +134,7 @@ pub(super) type ClockState = ([u64; 6], [bool; 2]);
 
 /// Actions before and after an access of a bus master to a device's registers.
 pub(super) trait Port: Send + Sync + fmt::Debug {
-    /// Runs before every access. It advances the device to the present.
+    /// Runs before every access. Advances the device to the present.
     fn before(&self);
     /// Runs before a word is written to `offset`. Returns the value to write.
     fn write(&self, _offset: u64, value: u32) -> u32 {
@@ -150,7 +150,7 @@ pub(super) trait Port: Send + Sync + fmt::Debug {
     }
 }
 
-/// A device whose clock is the core's clock, divided by an integer. It is advanced only when it is accessed.
+/// A device whose clock is the core's clock, divided by an integer. The device is advanced only when it is accessed.
 #[derive(Clone)]
 pub(super) struct Lazy {
     pub(super) device: Arc<dyn Device>,
@@ -203,7 +203,8 @@ impl Lazy {
         }
     }
 
-    /// Advances the device to the owed cycle. Call it before an access and before a change of the device's time.
+    /// Advances the device to the owed cycle. Call this function before an access and before a change of the device's
+    /// time.
     #[inline]
     pub(super) fn pay(&self) {
         let owed = self.owed.load(Relaxed);
@@ -409,7 +410,7 @@ impl MemOps for Storage {
     }
 }
 
-/// The DAC. While channel 1 is enabled, its output is its holding register.
+/// The DAC. While channel 1 is enabled, the output has the value of the channel's holding register.
 pub(super) struct Dac {
     pub(super) registers: Arc<Storage>,
     pub(super) clock: Arc<Clock>,

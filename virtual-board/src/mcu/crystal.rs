@@ -1,12 +1,12 @@
 //! Simulates a failure of the crystal, or of an external clock in its place, and the effect on the chip's clock.
 //!
-//! If a ready HSE fails while `CSSON` is set, the chip acts by RM0390 6.2.7 and RM0090 7.2.7. It sets `CSSF`. This flag
-//! holds the NMI until `CSSC` is written. If `BKE` is set, the flag is also a break of TIM1. HSE is switched off, and
-//! so is a PLL that uses it. The core continues with HSI.
+//! If a ready HSE fails while `CSSON` is set, the chip acts by RM0390 6.2.7 and RM0090 7.2.7. The chip sets `CSSF`.
+//! This flag keeps the NMI active until `CSSC` is written. If `BKE` is set, the flag is also a break of TIM1. HSE and a
+//! PLL that uses HSE are switched off. The core continues with HSI.
 //!
 //! Without `CSSON` the chip does not notice the failure. The manuals do not say what a PLL does without its input. In
-//! this model its clock stops. With and without `CSSON` the state lasts until a reset, after which the crystal works
-//! again. The independent watchdog has its own clock and runs on.
+//! this model the PLL's clock stops. With and without `CSSON` the failure lasts until a reset. After the reset the
+//! crystal works again. The independent watchdog has its own clock and runs on.
 //!
 //! A core that sleeps with `SLEEPDEEP` also stops all clocks but the watchdog's (stop mode, chapter 5 of the manuals).
 //! In this model only a reset ends this sleep.

@@ -77,7 +77,7 @@ const SP: usize = 13;
 const SPSEL: u32 = 1 << 1;
 
 impl Mcu {
-    /// Halts the core for `cycles`, as a debugger does. Blocks whose DBGMCU bits are set stop. If TIM1 stops, its
+    /// Halts the core for `cycles`, as a debugger does. A block stops if its DBGMCU bit is set. If TIM1 stops, its
     /// outputs are off during the halt. `moe` says what happens to the main output enable after the halt.
     pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
         let halt = self.begin_halt();
@@ -112,8 +112,8 @@ impl Mcu {
     }
 
     pub fn end_halt(&mut self, halt: &Halt, moe: AfterHalt) {
-        // If DMA2 stored during the halt, this store has switched the outputs off. They stay off until the program
-        // acts.
+        // If DMA2 stored a word during the halt, this store has switched the outputs off. The outputs stay off until
+        // the program acts.
         let kept = halt.stored == self.stored_by_dma;
         let running = halt.resets == self.resets && kept && !self.soc.stop.load(Relaxed);
         if halt.masked && running && moe == AfterHalt::Kept {

@@ -2,9 +2,10 @@
 //!
 //! The model follows RM0090 10.3 and 10.5 (RM0390 9.3 and 9.5), for transfers from memory to a peripheral in direct
 //! mode. When a stream is enabled, it fetches its first word. A request of the selected channel waits until it is
-//! served. Then the stream stores the word and fetches the next word. At the end of the count a circular stream begins
-//! again; any other stream is switched off. An enabled stream is write-protected. Not modelled are other directions,
-//! the FIFO, double buffers, interrupts, and the duration of a transfer (some ten cycles).
+//! served. Then the stream stores the word and fetches the next word. When the stream's count reaches 0, a circular
+//! stream begins again. A stream that is not circular is switched off. An enabled stream is write-protected. Not
+//! modelled are other directions, the FIFO, double buffers, interrupts, and the duration of a transfer (some ten
+//! cycles).
 
 use std::sync::{
     Arc,
@@ -36,8 +37,8 @@ const SIZES: u32 = 0b1111 << 11;
 const WORDS: u32 = 0b1010 << 11;
 /// Bits of CR that can be written while the stream is enabled: EN and the interrupt enables.
 const OPEN: u32 = 0b1_1111;
-/// FCR after reset: direct mode, FIFO empty. The next two constants are its bits FS: the mask, and the level of one
-/// word.
+/// FCR after reset: direct mode, FIFO empty. The next two constants are for FCR's bits FS: the mask, and the level of
+/// one word.
 const FCR_RESET: u32 = 0x21;
 const FIFO_LEVEL: u32 = 0b111 << 3;
 const FIFO_HOLDS_ONE: u32 = 0b001 << 3;

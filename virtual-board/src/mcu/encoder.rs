@@ -1,5 +1,5 @@
-//! The encoder's signals A and B. TIM2 counts their edges. On a board that also wires them to TIM3, TIM3 captures the
-//! times of the edges.
+//! The encoder's signals A and B. TIM2 counts their edges. On a board that also wires the signals to TIM3, TIM3
+//! captures the times of the edges.
 
 use std::{
     collections::VecDeque,
@@ -95,7 +95,7 @@ impl EncoderInput {
         }
     }
 
-    /// Moves A and B to `count`, one edge every `spacing` cycles, the first one at `from`.
+    /// Moves A and B to `count`, one edge every `spacing` cycles, the first edge at `from`.
     pub(super) fn go_to(&self, count: i32, from: u64, spacing: u64) {
         let mut edges = lock(&self.state);
         let mut at = from;
@@ -283,12 +283,12 @@ impl Mcu {
         self.soc.encoder.readings()
     }
 
-    /// As [`counter_readings`](Self::counter_readings), and clears the list.
+    /// Returns the same list as [`counter_readings`](Self::counter_readings), and clears this list.
     pub fn take_counter_readings(&mut self) -> Vec<u32> {
         self.soc.encoder.take_readings()
     }
 
-    /// Moves A and B to `count`: one edge every `spacing` cycles, the first one at `from`. Edges are delivered in the
+    /// Moves A and B to `count`: one edge every `spacing` cycles, the first edge at `from`. Edges are delivered in the
     /// order of the calls.
     pub fn encoder_to(&mut self, count: i32, from: u64, spacing: u64) {
         self.soc.encoder.go_to(count, from, spacing);

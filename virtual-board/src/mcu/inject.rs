@@ -22,7 +22,7 @@ impl Mcu {
         self.soc.cpu.with_sys(|sys| sys.set_enable(Exception(exception), !masked));
     }
 
-    /// Runs until the core executes in `exception`; 0: until it is awake and in no exception.
+    /// Runs until the core executes in `exception`; 0: until the core is awake and in no exception.
     ///
     /// # Errors
     /// The core locked up.
@@ -118,7 +118,7 @@ impl Mcu {
         word.map_or(0, |word| u32::try_from(word).unwrap_or_default())
     }
 
-    /// Makes an exception pending. If it is an interrupt, its enable bit is set too.
+    /// Makes an exception pending. For an interrupt, the enable bit is also set.
     pub fn pend(&mut self, exception: u16) {
         self.soc.cpu.with_sys(|sys| {
             sys.set_enable(Exception(exception), true);

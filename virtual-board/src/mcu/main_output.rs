@@ -38,8 +38,8 @@ const LOCKED: [&[(u64, u32)]; 3] = [
     &[(0x18, 0x7878), (0x1C, 0x7878)],
 ];
 
-/// TIM1's port. It models BDTR's lock, the break input and the break flag, whose bits the emulator's timer only stores.
-/// It also notes when the duty was written.
+/// TIM1's port. The port models BDTR's lock, the break input and the break flag. For all three, the emulator's timer
+/// only stores the bits. The port also notes when the duty was written.
 #[derive(Debug)]
 pub(super) struct Break {
     pub(super) lazy: Lazy,
@@ -54,7 +54,8 @@ pub(super) struct Break {
 }
 
 /// The pin of the break input. The timer sees the pin only while the port connects it to TIM1 (alternate function 1;
-/// RM0390 7.3.2, RM0090 8.3.2). Otherwise the timer sees a low level. The input is active high, so this means no break.
+/// RM0390 7.3.2, RM0090 8.3.2). Otherwise the timer sees a low level. The input is active high, so a low level means no
+/// break.
 #[derive(Clone, Debug)]
 pub(super) struct BreakInput {
     port: Arc<dyn MemOps>,

@@ -1,7 +1,7 @@
 //! The emulated microcontroller. No other module uses the emulator crate.
 //!
 //! Instructions are exact; their cycles are approximate. The core's cycle model has zero wait states. An exception's
-//! entry takes 12 cycles and 8 stacking accesses. Its return takes about 18 cycles. So each interrupt takes some 16
+//! entry takes 12 cycles and 8 stacking accesses. The return takes about 18 cycles. So each interrupt takes some 16
 //! cycles more than on silicon. No cycle count was compared with silicon.
 //!
 //! This module adds what the emulator lacks: four priority bits, the vector table's address, TIM1's break input and
@@ -121,7 +121,7 @@ pub enum Stopped {
     LockedUp(u32),
 }
 
-/// Pins that are driven from outside: the level, and the level of the alternate function if it is driven too.
+/// Pins that are driven from outside: the level, and the level of the alternate function if this level is also driven.
 type Outside = BTreeMap<Pin, (bool, Option<bool>)>;
 
 pub struct Mcu {
@@ -130,7 +130,8 @@ pub struct Mcu {
     memories: Memories,
     clock: Arc<Clock>,
     soc: Soc,
-    /// A copy of the core's registers after the last step. Reading them from the emulator takes half as long as a step.
+    /// A copy of the core's registers after the last step. A read of the registers from the emulator takes half as long
+    /// as a step.
     registers: Regs,
     /// Whether the last step left the program counter unchanged: the core sleeps, is locked up, or branches to the same
     /// address.
@@ -152,7 +153,7 @@ pub struct Mcu {
     hard_faults: Vec<u32>,
     /// Words that DMA2 has stored.
     stored_by_dma: u64,
-    /// Whether the run goes on after a lock-up, until the watchdog resets the core.
+    /// Whether the run continues after a lock-up, until the watchdog resets the core.
     outlives: bool,
     watch: Watch,
     outside: Outside,
@@ -473,13 +474,14 @@ impl Mcu {
         self.soc.pin(pin)
     }
 
-    /// Delivers the pins' changes up to now. This also advances the timers.
+    /// Delivers the pins' changes up to now. The timers are also advanced.
     pub fn settle(&mut self) {
         self.settle_to(self.now);
     }
 
-    /// As [`settle`](Self::settle), but delivers the encoder's edges only up to `cycle`, within the last instruction.
-    /// The caller may still add later edges. A timer that was advanced beyond these edges would capture them late.
+    /// Does the same as [`settle`](Self::settle), but delivers the encoder's edges only up to `cycle`, within the last
+    /// instruction. The caller may still add later edges. A timer that was advanced beyond these edges would capture
+    /// them late.
     pub fn settle_to(&mut self, cycle: u64) {
         self.clock.set(self.now);
         self.soc.pwm.catch_up_by_edges();

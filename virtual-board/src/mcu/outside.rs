@@ -8,7 +8,7 @@ impl Mcu {
         self.soc.set_pin(pin, high);
     }
 
-    /// Drives all these pins again after a reset, which moves no switch.
+    /// Drives all these pins again after a reset. A reset moves no switch.
     pub(super) fn drive_pins(&self) {
         for (pin, (high, alternate)) in &self.outside {
             self.soc.set_pin(*pin, *high);
@@ -22,15 +22,16 @@ impl Mcu {
     pub fn set_break(&mut self, open: bool) {
         self.clock.set(self.now);
         if let Some(pin) = self.listeners.stop {
-            // The emulator's port takes the level of an alternate-function pin from inside the chip. So this level is
-            // set too.
+            // The emulator's port takes the level of an alternate-function pin from inside the chip. So the level of
+            // the alternate function is also set.
             self.outside.insert(pin, (open, Some(open)));
         }
         self.drive_pins();
         self.soc.set_break(open);
     }
 
-    /// Sets the supply, mV; at first it is [`SUPPLY_MV`](super::SUPPLY_MV). It affects only the voltage detector.
+    /// Sets the supply, mV. The initial supply is [`SUPPLY_MV`](super::SUPPLY_MV). The supply affects only the voltage
+    /// detector.
     pub fn set_supply_mv(&mut self, mv: u32) {
         self.clock.set(self.now);
         self.soc.supply.set_mv(mv);

@@ -1,9 +1,9 @@
 //! Saves and restores the whole state of the chip.
 //!
-//! The emulator's devices save their registers. They do not save inputs that another device drives: pins, the encoder's
-//! levels, the supply. After a restore these inputs are driven again. This crate's own state is copied: memories, time,
-//! queues of edges, observations. Snapshots share a copy of flash if the flash registers were not accessed between
-//! them.
+//! The emulator's devices save their registers. The devices do not save inputs that another device drives: pins, the
+//! encoder's levels, the supply. After a restore these inputs are driven again. This crate's own state is copied:
+//! memories, time, queues of edges, observations. Snapshots share a copy of flash if the flash registers were not
+//! accessed between them.
 
 use std::sync::{Arc, atomic::Ordering::Relaxed};
 
@@ -33,7 +33,7 @@ pub struct Snapshot {
     encoder: EncoderState,
     /// Cycles for which each timer was stopped by halts.
     stood: Vec<u64>,
-    /// Registers of the blocks that the emulator does not model: DBGMCU, DAC, ADCs, DMA2. For DMA2 also the waiting
+    /// Registers of the blocks that the emulator does not model: DBGMCU, DAC, ADCs, DMA2. DMA2 also has the waiting
     /// word, the count, and whether the stream has just been enabled.
     stored: [Vec<u32>; 4],
     dma: ([u32; 2], bool),

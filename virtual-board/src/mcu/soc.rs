@@ -47,7 +47,7 @@ pub(super) struct Soc {
     pub(super) pwm: Lazy,
     pub(super) encoder: Arc<EncoderInput>,
     pub(super) flash: Arc<Flash>,
-    /// The flash's registers. `flash_touched` is the number of their accesses.
+    /// The flash's registers. `flash_touched` is the number of accesses to these registers.
     pub(super) flash_registers: Lazy,
     pub(super) flash_touched: Arc<AtomicU64>,
     pub(super) rcc: Lazy,
@@ -69,7 +69,7 @@ pub(super) struct Soc {
     pub(super) supply: Arc<Supply>,
     pub(super) dbgmcu: Arc<Storage>,
     halt_timer: Lazy,
-    /// TIM8. Its update requests the store by DMA2 that switches the output off.
+    /// TIM8. The update of TIM8 requests a store by DMA2, and this store switches the output off.
     pub(super) output_timer: Lazy,
     pub(super) crystal: Arc<Crystal>,
     pub(super) dma: Arc<Dma>,
@@ -288,7 +288,7 @@ impl Soc {
         let pace = lazy(pace_timer, 2);
         let halt_timer = lazy(halt_timer, 2);
         let output_timer = lazy(output_timer, 1);
-        // Only for the delays of the ready bits. Unit: cycles of HSE.
+        // RCC needs a clock only for the delays of the ready bits. The unit is cycles of HSE.
         let rcc = lazy(rcc, chip.core_hz / 8_000_000).apart();
         let pwr = lazy(pwr, 8);
         let flash_registers = lazy(Arc::clone(&flash) as _, 1);
@@ -459,7 +459,7 @@ impl Soc {
 
     /// Sets RCC's flags as after a reset by `cause`. Each reset also pulls the reset pin.
     pub(super) fn note_reset(&self, cause: &str) {
-        // A reset of the block itself leaves the flags of power-on. RMVF clears them.
+        // A reset of the block itself leaves the flags of power-on. RMVF clears these flags.
         self.rcc.poke(RCC_CSR, RMVF);
         for input in ["pinrst", cause] {
             let id = WireIdAllocator::new().alloc();

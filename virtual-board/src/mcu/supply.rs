@@ -1,4 +1,4 @@
-//! PWR's port: the supply and its voltage detector. The emulator has no input for them.
+//! PWR's port: the supply and its voltage detector. The emulator has no input for the supply.
 
 use std::sync::{
     Arc, OnceLock,
@@ -13,8 +13,8 @@ use rsemu::core::{
 use super::bus::{Clock, Lazy, Port};
 
 /// Thresholds of the detector for each level PLS, mV: first for a rising supply, then for a falling supply. A supply up
-/// to the threshold counts as low. These are the largest values of the data sheet of the STM32F446, section 6.3.5; the
-/// STM32F407's are the same.
+/// to the threshold is treated as low. The thresholds are the largest values of the data sheet of the STM32F446,
+/// section 6.3.5. The STM32F407 has the same values.
 const LEVELS_MV: [[u32; 2]; 8] = [
     [2190, 2080],
     [2370, 2260],
@@ -85,7 +85,7 @@ impl Supply {
         [&self.mv, &self.control, &self.low].map(|word| word.load(Relaxed))
     }
 
-    /// Restores the state. Devices that see the detector's output must be restored after it.
+    /// Restores the state. Devices that see the detector's output must be restored after this call.
     pub(super) fn restore(&self, from: [u32; 3]) {
         for (to, from) in [&self.mv, &self.control, &self.low].into_iter().zip(from) {
             to.store(from, Relaxed);

@@ -88,7 +88,7 @@ pub struct Watch {
     entries: Option<([u32; 3], Vec<Entry>)>,
     masked: u64,
     running: bool,
-    /// Running exceptions, the innermost last: number, and cycles spent in it.
+    /// Running exceptions, the innermost last: the exception's number, and the cycles spent in the exception.
     nested: Vec<(u16, u64)>,
 }
 
@@ -236,7 +236,7 @@ impl Watch {
             }
         } else {
             // Cycles of a return belong to the exception that ends. Cycles of an entry belong to the exception that
-            // begins. Tail-chaining is both in one step and counts as an entry.
+            // begins. Tail-chaining is a return and an entry in one step, and is treated as an entry.
             let returns = self.nested.iter().any(|(number, _)| *number == step.exception)
                 || step.exception == 0;
             if returns && let Some((_, spent)) = self.nested.last_mut() {

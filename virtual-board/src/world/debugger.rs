@@ -22,7 +22,7 @@ impl World<'_> {
         self.moved_to = self.powered.mcu.now();
     }
 
-    /// Halts the core and the plant. A step of the plant may be interrupted. It goes on after the halt.
+    /// Halts the core and the plant. An interrupted step of the plant continues after the halt.
     pub fn begin_halt(&mut self) -> Halted {
         let Powered { mcu, amplifier, .. } = &mut self.powered;
         let (sum, begun) = (amplifier.pause(mcu.now()), mcu.now());
@@ -52,10 +52,11 @@ impl World<'_> {
         self.powered.mcu.put(&mut halted.chip, address, from)
     }
 
-    /// As [`sample`](Self::sample), but returns early if a stop of the debugger is met. The next call runs the rest.
+    /// Runs a sample as [`sample`](Self::sample) does, but returns early if a stop of the debugger is met. The next
+    /// call completes this sample.
     ///
     /// # Errors
-    /// As [`sample`](Self::sample).
+    /// The errors of [`sample`](Self::sample).
     pub fn sample_until_met(&mut self, stops: &Stops) -> Result<Option<Met>, Ended> {
         loop {
             let to = self.step_end();

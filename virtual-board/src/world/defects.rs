@@ -8,7 +8,7 @@ use super::World;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Defects {
     pub count: Option<CountDefect>,
-    /// If set, the enabled amplifier gives this fraction of full scale, whatever the command is.
+    /// If set, the enabled amplifier gives this fraction of full scale for any command.
     pub stuck: Option<f64>,
     /// Offset of the DAC's output, fraction of full scale.
     pub dac: f64,
@@ -30,7 +30,7 @@ pub struct CountDefect {
     pub per_sample: f64,
 }
 
-/// A hand that swings the handle about a position, whatever the force is.
+/// A hand that swings the handle about a position. The force has no effect on this motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Swing {
     /// Middle of the motion, m.

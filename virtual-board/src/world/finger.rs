@@ -1,5 +1,5 @@
-/// A finger at the handle: a spring and a damper from the handle to a target. Its force acts at the same point as the
-/// motor's force.
+/// A finger at the handle: a spring and a damper from the handle to a target. The finger's force acts at the same point
+/// as the motor's force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finger {
     pub target_m: f64,

@@ -22,7 +22,7 @@ impl World<'_> {
     /// reports of experiments.
     ///
     /// # Errors
-    /// There was no reply within 0.1 s, or as [`sample`](Self::sample).
+    /// There was no reply within 0.1 s, or an error of [`sample`](Self::sample).
     pub fn ask(&mut self, line: &str) -> Result<String, Ended> {
         self.replies.clear();
         self.send(&format!("{line}\n"))?;
@@ -55,7 +55,7 @@ impl World<'_> {
     /// Waits up to `samples` for the next reply.
     ///
     /// # Errors
-    /// No reply came, or as [`sample`](Self::sample).
+    /// No reply came, or an error of [`sample`](Self::sample).
     pub fn reply(&mut self, samples: u64) -> Result<String, Ended> {
         for _ in 0..samples.div_ceil(10) {
             self.run(10)?;

@@ -1,8 +1,8 @@
-//! A board in closed loop: the plant of a scene moves its encoder, and its amplifier drives the plant.
+//! A board in closed loop: the plant of a scene moves the board's encoder, and the board's amplifier drives the plant.
 //!
-//! The plant moves in [`STEPS`] exact steps per sample, each with the mean force during it. The steps end [`LEAD_S`]
-//! before the samples. Within this time the encoder's edges are shown. So a count that the program reads is the plant's
-//! position [`LEAD_S`] earlier. This delay is part of the latency.
+//! The plant moves in [`STEPS`] exact steps per sample, each with the mean force during the step. The steps end
+//! [`LEAD_S`] before the samples. Within this time the encoder's edges are shown. So a count that the program reads is
+//! the plant's position [`LEAD_S`] earlier. This delay is part of the latency.
 //!
 //! A program may use the times of the edges ([`World::with_edge_times`]). Then each step is as long as [`LEAD_S`], and
 //! each edge is shown exactly [`LEAD_S`] after the plant has passed it.
@@ -58,7 +58,7 @@ pub struct World<'a> {
     current: CurrentSettings,
     /// The current signal after its filter, fraction of full scale.
     filtered: f64,
-    /// Position at which a hand holds the handle. The hand moves it at [`led_m_per_s`](Self::led_m_per_s).
+    /// Position at which a hand holds the handle. The hand moves this position at [`led_m_per_s`](Self::led_m_per_s).
     held: Option<f64>,
     led_m_per_s: f64,
     /// Finger that pulls at the handle while no hand holds it.
@@ -134,8 +134,8 @@ impl<'a> World<'a> {
     /// Switches a board on, with the handle held at `start_m`. The board's count starts from 0 there.
     ///
     /// # Errors
-    /// The ELF is not this firmware. Or the scene has `[jitter]`, a push by a hand, another protocol or another
-    /// criterion.
+    /// The ELF is not this firmware. Or the scene has `[jitter]`, a push by a hand, a protocol other than the paper's,
+    /// or a criterion that a board cannot judge.
     pub fn new(
         board: Board,
         elf: &Elf,
@@ -146,10 +146,10 @@ impl<'a> World<'a> {
         Self::of(board, elf, table, scene, (start_m, STEPS))
     }
 
-    /// As [`new`](Self::new), with every edge of the encoder at its own time.
+    /// Switches a board on as [`new`](Self::new) does, with every edge of the encoder at its own time.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// The errors of [`new`](Self::new).
     pub fn with_edge_times(
         board: Board,
         elf: &Elf,
@@ -173,7 +173,7 @@ impl<'a> World<'a> {
             return Err("[jitter]: a board samples when it samples; leave it out".to_owned());
         }
         let hit = &scene.wall_hit;
-        // A board knows only its counts. So the criterion can use only the counts.
+        // A board measures the motion only in counts. So the criterion can use only counts of the motion.
         let judged = match hit.criterion {
             Criterion::Rms => hit.rms_of() == RmsOf::Counts,
             Criterion::Quiet => true,
@@ -277,7 +277,7 @@ impl<'a> World<'a> {
         self.state = self.plant.at_rest(position_m);
     }
 
-    /// A hand moves the handle from its present position at this speed, until it holds or releases the handle.
+    /// A hand moves the handle from its present position at this speed, until the hand holds or releases the handle.
     pub fn lead(&mut self, speed_m_per_s: f64) {
         self.held = Some(self.position_m());
         self.led_m_per_s = speed_m_per_s;
@@ -287,7 +287,7 @@ impl<'a> World<'a> {
     /// A hand moves the handle to `to_m` at 0.5 m/s and holds it there.
     ///
     /// # Errors
-    /// As [`sample`](Self::sample).
+    /// The errors of [`sample`](Self::sample).
     pub fn lead_to(&mut self, to_m: f64) -> Result<(), Ended> {
         let from_m = self.position_m();
         #[expect(
@@ -348,7 +348,7 @@ impl<'a> World<'a> {
     /// Runs everything up to `cycle`, or a few cycles longer, since instructions are not split.
     ///
     /// # Errors
-    /// As [`sample`](Self::sample).
+    /// The errors of [`sample`](Self::sample).
     pub fn run_to(&mut self, cycle: u64) -> Result<(), Ended> {
         while self.step_end() <= cycle {
             self.step()?;
@@ -368,7 +368,7 @@ impl<'a> World<'a> {
         self.moved_to + self.powered.board.cycles_per_sample() / self.steps
     }
 
-    /// Moves the plant to cycle `to`. Returns whether that was the last step of a sample.
+    /// Moves the plant to cycle `to`. Returns whether a sample's last step has ended.
     fn follow(&mut self, to: u64) -> bool {
         let from = self.moved_to;
         self.powered.mcu.settle_to(to);
@@ -412,7 +412,8 @@ impl<'a> World<'a> {
         true
     }
 
-    /// Swaps the encoder's channels, so that it counts in the opposite direction from here on, or restores them.
+    /// Swaps the encoder's channels, so that the encoder counts in the opposite direction from here on. `swapped`
+    /// false: restores the channels.
     pub fn swap_channels(&mut self, swapped: bool) {
         self.swapped_at = swapped.then(|| self.encoder.count(self.position_m()));
     }
@@ -423,7 +424,7 @@ impl<'a> World<'a> {
         self.swapped_at.map_or(count, |at| at.wrapping_mul(2).wrapping_sub(count))
     }
 
-    /// As [`shown_count`](Self::shown_count), with the fraction between two counts.
+    /// Returns the value of [`shown_count`](Self::shown_count) with the fraction between two counts.
     fn shown_place(&self) -> f64 {
         let place = self.encoder.place(self.shown_m());
         self.swapped_at.map_or(place, |at| 2.0 * f64::from(at) + 1.0 - place)
@@ -473,7 +474,7 @@ impl<'a> World<'a> {
         let per_sample = board.cycles_per_sample();
         let next = event + per_sample - lead;
         if self.moved_to % per_sample != next % per_sample {
-            // This happens once, directly after the first sample, while the handle is held.
+            // The alignment happens once, directly after the first sample, while the handle is held.
             self.moved_to += (next + per_sample - self.moved_to % per_sample) % per_sample;
         }
     }
@@ -481,7 +482,7 @@ impl<'a> World<'a> {
     /// Runs `samples` samples, and reads the probe's channels every 5 ms.
     ///
     /// # Errors
-    /// As [`sample`](Self::sample).
+    /// The errors of [`sample`](Self::sample).
     pub fn run(&mut self, samples: u64) -> Result<(), Ended> {
         for n in 0..samples {
             self.sample()?;

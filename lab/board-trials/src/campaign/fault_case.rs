@@ -16,7 +16,7 @@ pub enum Before {
     Pressed,
     /// Armed. A push with 48 % of the full force moves the handle to the wall.
     Moving,
-    /// Off. The fault begins before `arm`. Its time is counted from the cycle at which enable becomes active.
+    /// Off. The fault begins before `arm`. The time of the fault counts from the cycle at which enable becomes active.
     Off,
 }
 
@@ -40,7 +40,7 @@ pub struct FaultCase {
     /// Longest time until enable is inactive, us. The output code is then zero too. If hardware alone has switched
     /// enable off, the code is zero within one more output.
     pub limit_us: f64,
-    /// Time for which the program is halted, us. It cannot write an output code then.
+    /// Time for which the program is halted, us. A halted program cannot write an output code.
     pub halted_us: f64,
     pub before: Before,
     pub begin: Begin,
@@ -113,12 +113,13 @@ pub const RENDER_US: f64 = 1_100.0 + GRID_US;
 pub const AT_ONCE_US: f64 = 1.0;
 /// Limit from a jump of the program counter to the handler's first store.
 const HANDLER_US: f64 = 2.0;
-/// Limit for the supply detector's interrupt. It waits for a running `render`, and while the logger masks interrupts.
+/// Limit for the supply detector's interrupt. The interrupt waits until a running `render` has ended, and while the
+/// logger masks interrupts.
 pub const BROWN_OUT_US: f64 = 60.0;
-/// Limit for the watchdog: its time at the nominal clock, and one output period since the last feeding.
+/// Limit for the watchdog: its timeout at the nominal clock, plus the output period in which the watchdog was last fed.
 pub const WATCHDOG_US: f64 = 51_000.0;
 
-/// Limit without the processor: the time of the output watchdog (contract.rs), and one sample.
+/// Limit for a fault that stops the processor: the timeout of the output watchdog (contract.rs), plus one sample.
 pub const OUTPUT_WATCHDOG_US: f64 = zwidth::period::OUTPUT_WATCHDOG_US as f64 + GRID_US;
 
 pub(super) const FAULT_CASES: [FaultCase; 29] = [
@@ -188,7 +189,7 @@ pub(super) const FAULT_CASES: [FaultCase; 29] = [
     FaultCase::of("late render", 20, RENDER_US, |_, world| mask_render(world, 15)),
     FaultCase::of("stuck render, 15 periods", 20, RENDER_US, |_, world| mask_render(world, 150))
         .all(&[20, 21]),
-    // Otherwise `render` itself would write code 20 into the fault memory.
+    // `render` must stay masked. Otherwise `render` would write code 20 into the fault memory.
     FaultCase::of("stuck render, for ever", 22, RENDER_US, |_, world| mask_render(world, 700))
         .resets()
         .long(),
@@ -259,7 +260,7 @@ pub(super) const UNUSED: u32 = 0x2001_F000;
 pub(super) const LOOP: [u8; 2] = [0xFE, 0xE7];
 /// An address without memory.
 const NOWHERE: u32 = 0x1000_0000;
-/// Erased flash after the code. Its words of ones are no instructions.
+/// Erased flash after the code. A word of ones is no instruction.
 const ERASED: u32 = 0x0807_0000;
 
 const fn panic(name: &'static str, begin: Begin) -> FaultCase {
@@ -320,7 +321,7 @@ fn counts(world: &mut World<'_>) -> Result<i32, Failed> {
 }
 
 /// Addresses of the words in which `sample` stores the position: in the encoder, and in the report of the last output.
-/// They are found while the handle is held.
+/// The search runs while the handle is held.
 fn position_words(elf: &Elf, world: &mut World<'_>) -> Result<Vec<u32>, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let before = world.snapshot();

@@ -1,5 +1,5 @@
-//! Flips single bits of the program in flash, with the force on and the handle in contact. Reports what finds each
-//! flip, and the force until then.
+//! Flips single bits of the program in flash, with the force on and the handle in contact. Reports which check finds
+//! the flip, and the force until then.
 
 use host_sim::error::Error;
 use seal::SEAL;
@@ -13,9 +13,9 @@ use super::{
 };
 use crate::random::Random;
 
-/// Longest pass of the image check at output period 10, s. No wrong force may last longer.
+/// Longest time of one complete image check at output period 10, s. No wrong force may last longer.
 pub const PASS_S: f64 = 0.2;
-/// Samples for which a flip is watched. The firmware needs fewer to find that passes of the check do not end.
+/// Samples for which a flip is watched. The firmware needs fewer samples to detect an image check that does not end.
 pub const WATCHED: u64 = LONGEST as u64 + 1_000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -56,7 +56,7 @@ pub enum End {
     Wrong,
     /// Something else switched the force off before the check found the flip.
     Other,
-    /// A wrong force lasted longer than a pass of the check.
+    /// A wrong force lasted longer than one complete image check.
     Late,
     /// Nothing found the flip.
     Unnoticed,

@@ -26,7 +26,7 @@ pub(super) const BACKUP: u32 = 0x4002_4000;
 const BACKUP_WORDS: u32 = 1024;
 /// Number of random contents that are tried.
 const RANDOM: usize = 16;
-/// Samples until the board has booted. With any contents of flash it takes 12 ms at most.
+/// Samples until the board has booted. With any contents of flash, the boot takes 12 ms at most.
 const BOOT: u64 = 150;
 
 const NO_FAULT: &str = "ok status off, fault none";
@@ -115,10 +115,11 @@ fn booted(world: &mut World<'_>) -> Result<Booted, Failed> {
     Ok(Booted { loaded, stiffness, status })
 }
 
-/// Flips all bits of each byte of the newest record. This is done with an older record in flash, and without one.
+/// Flips all bits of each byte of the newest record. The flips are done with an older record in flash, and without an
+/// older record.
 ///
 /// # Errors
-/// The board uses other settings than the older ones or the defaults, or does not report the damage.
+/// The board uses settings that are neither the older ones nor the defaults, or the board does not report the damage.
 pub fn flip_every_byte(world: &mut World<'_>, step: usize) -> Result<usize, Failed> {
     let (older, newest) = (record(world, 1, 1000.0), record(world, 2, 2000.0));
     let both = |newest: &[u32]| older.iter().chain(newest).copied().collect::<Vec<_>>();
@@ -186,7 +187,8 @@ pub fn cut_every_word(world: &mut World<'_>, step: usize) -> Result<usize, Faile
     Ok(cuts.len())
 }
 
-/// Lets the board save. Returns the words at the address of the new record: before, between and after all stores.
+/// Lets the board save. Returns the words at the address of the new record: before the first store, and after each
+/// store.
 fn save(
     world: &mut World<'_>,
     older: &[u32; RECORD_WORDS],
@@ -212,12 +214,12 @@ fn save(
             states.push(state);
         }
     }
-    world.restore(&before); // the chip has run further than the plant
+    world.restore(&before); // the chip is ahead of the plant
     Ok(states)
 }
 
-/// Cuts the power in an erase. The board erases the other sector before it writes the next record there. So a cut
-/// damages only the sector without the newest record.
+/// Cuts the power in an erase. Before a save, the board erases the sector without the newest record. So a cut damages
+/// only this sector.
 ///
 /// # Errors
 /// After the cut the board does not use the newest settings.
@@ -243,8 +245,8 @@ pub fn cut_an_erase(world: &mut World<'_>) -> Result<usize, Failed> {
 }
 
 /// Stores a whole record with one invalid value. If the value belongs to the control loop, the board must use the
-/// defaults and report this. If it belongs to an experiment, the board may use the other settings, but must refuse the
-/// experiment.
+/// defaults and report this. If the value belongs to an experiment, the board may use the other settings, but must
+/// refuse the experiment.
 ///
 /// # Errors
 /// The board uses other settings.

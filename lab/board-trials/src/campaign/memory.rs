@@ -14,7 +14,7 @@ use super::{
 
 /// Full force of the motor as the firmware stores it.
 const FULL_SCALE: u32 = 1 << 30;
-/// Part of the names of the symbols that hold the queues and the state of `render`.
+/// Part of the names of the symbols for the queues and the state of `render`.
 const QUEUES: &str = "queues";
 const RENDER_STATE: &str = "local_resource_render";
 
@@ -29,7 +29,7 @@ pub fn memory_rows() -> Vec<Row> {
     ]
 }
 
-/// The index that a search has found, as `u32`. If it has found nothing, an error with the text `nothing`.
+/// The index that a search has found, as `u32`. If no index was found, an error with the text `nothing`.
 fn found(place: Option<usize>, nothing: &str) -> Result<u32, Failed> {
     let place = place.and_then(|place| u32::try_from(place).ok());
     place.ok_or_else(|| Failed::Refused(nothing.into()))
@@ -49,8 +49,8 @@ fn after_each<T>(
     lines.iter().map(look).collect()
 }
 
-/// Flips the motor sign. Its byte is found while the force is off, by a change of the sign. Then the byte is flipped
-/// with the force on.
+/// Flips the motor sign. A change of the sign, with the force off, shows which byte stores the sign. Then this byte is
+/// flipped with the force on.
 fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, size) = elf.place_of(RENDER_STATE)?;
@@ -69,7 +69,7 @@ fn bytes_of(world: &World<'_>, from: u32, size: u32) -> Vec<u8> {
     bytes
 }
 
-/// Flips a bit of the running hit's push. This bit is half of full scale.
+/// Flips a bit of the running hit's push. The bit has the value of half of full scale.
 fn push(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let (plan, words) = hit_plan(elf, world)?;
     let full_n = world.full_scale_n();
@@ -84,8 +84,9 @@ fn push(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Flips a bit of the word that says whether a hit moves the handle to its start or pushes. The push would then stop,
-/// and the hit would never end. The word is before the hit's plan. It is 2 during the push, and 0 or 1 before it.
+/// Flips a bit of the word for the phase of a hit: return move or push. With the flipped bit the push stops, and the
+/// hit never ends. The word is stored just before the hit's plan. Its value is 2 during the push, and 0 or 1 before the
+/// push.
 fn phase(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let pushes = words_of(elf, world, RENDER_STATE)?.1;
     let before = world.snapshot();
@@ -113,9 +114,9 @@ fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [u32; 4]), Failed> {
     Ok((from + 4 * offset, [0, 1, 2, 3].map(|n| words[offset as usize + n])))
 }
 
-/// Flips a bit of the count at position 0. This bit is 128 counts. The word is found with the force off: it changes
-/// with each `zero`, but not while the handle moves. It is always the difference of two other words, the last count and
-/// the position.
+/// Flips a bit of the word that stores the encoder's count at position 0. The bit has the value of 128 counts. The
+/// search runs with the force off. The word changes with each `zero`, but not while the handle moves. The word is
+/// always the difference of two other words: the last count, and the position.
 fn origin(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, _) = elf.place_of(SAMPLE_STATE)?;
@@ -148,7 +149,7 @@ fn origin(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
 }
 
 /// Flips a bit of the supervisor's state, which is stored in two equal bytes: 0 off, 1 sign test, 3 armed. The flip
-/// turns `armed` into the end of the sign test. So the next output enters a wrong state.
+/// changes one of the two bytes from 3 to 1.
 fn state(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, size) = elf.place_of(RENDER_STATE)?;
@@ -165,8 +166,8 @@ fn state(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Flips the index of the queue of orders to its other entry, which holds an old order. The index is found with the
-/// force off: it changes with each order, and only then.
+/// Flips the index of the queue of orders. The index then points to the queue's other entry, an old order. The search
+/// for the index runs with the force off: the index changes with each order, and only then.
 fn order(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     ask(world, "disarm")?;

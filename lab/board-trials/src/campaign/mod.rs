@@ -6,7 +6,7 @@
 //! | `fault_case`, `no_processor`, `registers`, `outside`, `memory` | named faults, and how each is caused |
 //! | `kept` | faults in the data of flash and backup RAM |
 //! | `rows` | all named faults, with the time limit of each |
-//! | `situation` | free motion, full force and contact, and the force in each without a fault |
+//! | `situation` | free motion, full force and contact, and the force in each situation without a fault |
 //! | `place`, `random` | words and registers in which a bit can flip; random flips |
 //! | `sample_bits` | each bit of what `sample` keeps, at several cutoffs, estimators and output periods |
 //! | `image_flips` | flips in the program in flash |

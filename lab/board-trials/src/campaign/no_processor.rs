@@ -23,9 +23,9 @@ const DIER: u32 = 0x0C;
 const ARR: u32 = 0x2C;
 /// The register that holds the address of the vector table.
 const VTOR: u32 = 0xE000_ED08;
-/// Erased flash. If it is used as the vector table, all vectors are words of ones.
+/// Erased flash. If the vector table is here, all vectors are words of ones.
 const ERASED: u32 = 0x0807_0000;
-/// PendSV, and the interrupt of TIM7. The firmware has no task for them.
+/// PendSV, and the interrupt of TIM7. The firmware has no task for PendSV or TIM7.
 const PEND_SV: u16 = 14;
 const TIM7: u16 = 16 + 55;
 
@@ -95,7 +95,7 @@ pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
         world.powered.mcu.set_registers(|registers| registers.msp = 0x10);
         Ok(())
     }),
-    // The next exception causes the fault, when it stacks the registers.
+    // The fault occurs when the next exception stacks the registers.
     at_once("stack overrun", 42, SAMPLE_US, |elf, world| {
         world.powered.mcu.outlive_lock_up();
         let end = elf.place_of("__sheap")?.0.next_multiple_of(256);
@@ -164,8 +164,8 @@ fn pend(world: &mut World<'_>, exception: u16) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Address of the word of `sample` with the number of the next due sample. Several words grow by 10 every 10 samples;
-/// this word has the largest value of them.
+/// Address of the word in which `sample` stores the number of the next due sample. Several words grow by 10 every 10
+/// samples. The largest of their values is the number of the next due sample.
 fn next_due(elf: &Elf, world: &mut World<'_>) -> Result<u32, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let mut seen = Vec::new();

@@ -1,5 +1,5 @@
-//! Faults outside the chip, at its host and in RTT's control block. Also pairs of faults: the emergency stop with
-//! another fault.
+//! Faults outside the chip, at its host and in RTT's control block. This file also has pairs of faults: the emergency
+//! stop with another fault.
 
 use virtual_board::{
     board::{Board, Force, Powered},
@@ -17,14 +17,15 @@ use super::{
 /// Limit for an encoder whose count does not change, s: the time of the check for a push without motion, and one
 /// output.
 const STUCK_S: f64 = 0.0525;
-/// Limit for a count that moves too little, s: the rest of a span of 50 ms, and the next span.
+/// Limit for a count that moves too little, s: the rest of the present span of 50 ms, and the next span.
 const SHORT_OF_S: f64 = 0.1025;
-/// Limit for a current that differs by a third of full scale, s, with the mean over 13 ms.
+/// Limit for a measured current that is wrong by a third of full scale, s. The limit includes the 13 ms over which the
+/// board takes the mean of the current.
 const SENSED_S: f64 = 0.018;
 /// Samples for which the host reads nothing and sends without a pause.
 const FLOOD_SAMPLES: u64 = 4_000;
 const FLOOD_S: f64 = FLOOD_SAMPLES as f64 * 1e-4;
-/// A limit that only the motion of the plant sets, s.
+/// Limit for a fault that is found only by the motion of the plant, s.
 const EVER_S: f64 = 1.3;
 
 /// All rows of this file. `current_sense`: whether the board measures the amplifier's current.
@@ -54,7 +55,8 @@ pub fn outside(board: Board, current_sense: bool) -> Vec<Row> {
     rows
 }
 
-/// A row with a wrong count: its offset, the fraction of the motion that it follows, and its drift.
+/// A row with a wrong encoder count. The tuple has the count's offset, the fraction of the motion that the count
+/// follows, and the count's drift per sample.
 fn counts(name: &str, limit_s: f64, (offset, ratio, per_sample): (i32, f64, f64)) -> Row {
     Row::at_once(name, limit_s, move |_, world| {
         world.count_wrongly(offset, ratio, per_sample);

@@ -12,7 +12,7 @@ use virtual_board::{
 pub enum Region {
     /// Data that `sample` stores between two samples.
     Sample,
-    /// Data that `render` stores between two outputs, without data for only telemetry and black box.
+    /// Data that `render` stores between two outputs. Data that only telemetry and black box use is left out.
     Render,
     /// Data that tasks pass to each other.
     Between,
@@ -126,8 +126,8 @@ const BLOCKS: [Block; 19] = [
     ("core", 0xE000_E000, &[0x10, 0x100, 0x104, 0x108, 0x200, 0x204, 0x208, 0x400, 0x424, 0x430]),
 ];
 
-/// The independent watchdog: only RLR, which needs a key for stores. PR is left out: if the new divider is smaller than
-/// the present count of the divider, the emulator never ends.
+/// The independent watchdog. The list has only RLR, which needs a key for stores. PR is left out, because the emulator
+/// never ends if the new divider is smaller than the divider's present count.
 const IWDG: Block = ("IWDG", 0x4000_3000, &[0x08]);
 /// Address of the watchdog's reload register RLR.
 pub(super) const WATCHDOG_RELOAD: u32 = 0x4000_3008;
@@ -173,8 +173,8 @@ impl Places {
     }
 }
 
-/// Flips a bit of a register. If the register has separate addresses to set and clear bits, or needs a key, these are
-/// used.
+/// Flips a bit of a register. Some registers have separate addresses to set and to clear bits, and some need a key. The
+/// function then uses these addresses or the key.
 pub fn flip_register(world: &mut World<'_>, address: u32, bit: u8) {
     let mcu = &mut world.powered.mcu;
     let (was, one) = (mcu.peek(address), 1 << bit);
@@ -243,7 +243,8 @@ pub fn flip_core(world: &mut World<'_>, register: u8, bit: u8) -> String {
     .into()
 }
 
-/// As [`flip_core`], for S0 to S31 (kind 0, with the number `float`), FPSCR (kind 1) or CONTROL.
+/// Flips a bit of S0 to S31 (kind 0, with the number `float`), of FPSCR (kind 1) or of CONTROL. Returns the register's
+/// name.
 pub fn flip_further(world: &mut World<'_>, (kind, float): (u8, u8), bit: u8) -> String {
     let mcu = &mut world.powered.mcu;
     match kind {

@@ -22,8 +22,8 @@ pub const STARTS: usize = 16;
 const ALLOWED_S: f64 = 3e-3;
 
 /// One in `FURTHER` flips in the core is in S0 to S31, FPSCR or CONTROL, each with the same probability. One in
-/// `WATCHDOG` flips in the peripherals is in the watchdog, whose share of the bits is about the same. The other flips
-/// do not depend on these two numbers.
+/// `WATCHDOG` flips in the peripherals is in the watchdog. The watchdog has about this share of the bits. The other
+/// flips do not depend on these two numbers.
 const FURTHER: u64 = 8;
 const WATCHDOG: u64 = 64;
 
@@ -34,7 +34,7 @@ pub struct Flip {
     pub verdict: Verdict,
 }
 
-/// Runs from a start to a random time in the next ten samples; if `working`, to one at which an instruction begins.
+/// Runs from a start to a random time in the next ten samples; if `working`, an instruction begins at this time.
 /// Returns this time, and the time since the start, in cycles.
 ///
 /// # Errors
@@ -57,7 +57,7 @@ pub fn run_to_flip(
     Ok((begun, begun - begin))
 }
 
-/// Runs flip `number` of a seed. The number selects region and situation in turn. The rest is random.
+/// Runs flip `number` of a seed. Region and situation follow from the number. The rest is random.
 pub fn flip(
     world: &mut World<'_>,
     (stages, places): (&[Stage], &Places),
@@ -71,7 +71,7 @@ pub fn flip(
     let stage = &stages[situation as usize];
     let start = random.one(&stage.starts);
     // Half of the flips come at any time, mostly while the core sleeps. The other half come while the core works. So
-    // they also reach state that is used only then.
+    // flips also reach state that only the working core uses.
     let working = matches!(region, Region::Core | Region::Stack) || random.below(2) == 0;
     let (begun, cycle) = run_to_flip(world, start, working, &mut random)?;
     let bit = random.small(32);

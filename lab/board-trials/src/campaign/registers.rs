@@ -1,4 +1,4 @@
-//! Faults in registers: each register gets another value than the program has set.
+//! Faults in registers: a register gets a value that the program has not set.
 
 use virtual_board::{
     board::{Board, Force},
@@ -63,15 +63,15 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
         ("DMA2 stream off", DMA2_STREAM1, Flip(1), true),
         ("TIM8 without clock", RCC + 0x44, Flip(1 << 1), true),
         ("DMA2 without clock", RCC + 0x30, Flip(1 << 22), true),
-        ("TIM6 without clock", RCC + 0x40, Flip(1 << 4), false), // the board takes it for a halt
+        ("TIM6 without clock", RCC + 0x40, Flip(1 << 4), false), // the board treats this as a halt
         ("TIM5 without clock asleep", RCC + 0x60, Flip(1 << 3), true),
         ("clock divider of APB1", RCC + 0x08, Flip(1 << 10), true),
         ("clock security system", RCC, Flip(1 << 19), true),
-        ("TIM1 in reset", RCC + 0x24, Flip(1), false), // MOE has gone as in a halt
+        ("TIM1 in reset", RCC + 0x24, Flip(1), false), // MOE is off, as in a halt
         ("TIM8 in reset", RCC + 0x24, Flip(1 << 1), true),
-        ("TIM2 in reset", RCC + 0x20, Flip(1), false), // its count jumps to 0 too
+        ("TIM2 in reset", RCC + 0x20, Flip(1), false), // the encoder count also jumps to 0
         ("TIM5 in reset", RCC + 0x20, Flip(1 << 3), false),
-        ("TIM6 in reset", RCC + 0x20, Flip(1 << 4), false), // the board takes it for a halt
+        ("TIM6 in reset", RCC + 0x20, Flip(1 << 4), false), // the board treats this as a halt
         ("DMA2 in reset", RCC + 0x10, Flip(1 << 22), true),
         ("converters in reset", RCC + 0x24, Flip(1 << 8), true),
         ("port A in reset", RCC + 0x10, Flip(1), false), // the encoder's pins change too
@@ -79,7 +79,7 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
         ("voltage detector", 0x4000_7000, Flip(1 << 4), true),
         ("`sample` at the lowest priority", NVIC_PRIORITIES + 48, Flip(0x00E0_0000), true),
         ("`render` above `sample`", NVIC_PRIORITIES + 48, Flip(0x2000_0000), true),
-        // SysTick's priority changes too: the value is the register's value after reset.
+        // The value is the register's value after reset. So SysTick's priority also changes.
         ("PendSV at the highest priority", 0xE000_ED20, Be(0), true),
         ("stack guard's region", 0xE000_EDA0, Flip(1), true),
         ("priority groups", 0xE000_ED0C, Be(0x05FA_0500), true),

@@ -68,11 +68,12 @@ pub struct Campaign {
     pub json: bool,
 }
 
-/// Largest allowed shares: of flips whose wrong force stays on, and of flips that are off late.
+/// Largest allowed share of flips whose wrong force stays on. `LATE_MOST` is the largest allowed share of flips that
+/// are off late.
 const UNNOTICED_MOST: f64 = 1e-3;
 const LATE_MOST: f64 = 5e-3;
-/// With at least so many flips, the share itself must be below the limit. With fewer flips, the lower end of its 95 %
-/// interval must be below the limit.
+/// With at least this number of flips, the share itself must be below the limit. With fewer flips, the lower end of its
+/// 95 % interval must be below the limit.
 const MANY: u64 = 10_000;
 
 #[derive(Serialize)]
@@ -181,7 +182,8 @@ impl<K: Ord> Tally<K> {
 /// Runs the campaign.
 ///
 /// # Errors
-/// Bad input, Ctrl-C, or a fault that breaks its limits: it is late, unnoticed, or lets the handle gain speed.
+/// Bad input, Ctrl-C, or a fault outside its limits: a fault that is found late or never, or that lets the handle gain
+/// speed.
 pub fn execute(options: &Campaign) -> Result<(), Error> {
     let begun = Instant::now();
     let boards = match &options.board {
@@ -380,7 +382,7 @@ impl ClassJson {
 }
 
 impl RegionJson {
-    /// Text about the shares above their limits; `None` if there are none.
+    /// Text about the shares above their limits; `None` if no share is above its limit.
     fn wrong(&self) -> Option<String> {
         let much =
             |[share, low, _]: [f64; 3], most| (if self.flips < MANY { low } else { share }) > most;

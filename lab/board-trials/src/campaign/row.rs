@@ -4,7 +4,7 @@ use virtual_board::{elf::Elf, session::Failed, world::World};
 
 use super::situation::Situation;
 
-/// Time limit of a fault that is found whatever the plant's motion is, s. It includes one sample of the simulation.
+/// Time limit of a fault that is found at any motion of the plant, s. The limit includes one sample of the simulation.
 pub const SOON_S: f64 = 3e-3;
 pub(super) const GRID_S: f64 = 1e-4;
 
@@ -23,11 +23,11 @@ pub struct Row {
     pub never: [Option<&'static str>; 2],
     /// Whether the force is off before the fault.
     pub from_off: bool,
-    /// Whether the fault is injected in free motion only, since what it damages does not exist in contact.
+    /// Whether the fault is injected in free motion only. In contact, the data that the fault damages does not exist.
     pub only_free: bool,
     /// Whether the fault is not injected at the full force.
     pub not_full: bool,
-    /// Test that replaces `begin`: it damages stored data many times, with the force off.
+    /// Test that replaces `begin`. The test damages stored data many times, with the force off.
     pub keeps: Option<Keeps>,
 }
 
@@ -104,13 +104,13 @@ impl Row {
         }
     }
 
-    /// Name of the row on the command line: its words with dashes between them.
+    /// Name of the row on the command line, with dashes between the words.
     pub fn slug(&self) -> String {
         slug(&self.name)
     }
 }
 
-/// Replaces everything but letters and digits by a dash.
+/// The name in lower case, with a dash between its groups of letters and digits.
 pub fn slug(name: &str) -> String {
     let lower = name.to_lowercase();
     let words = lower.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());

@@ -21,7 +21,7 @@ const ESTIMATORS: [&str; 2] = ["kalman-3", "levant-implicit"];
 const PERIODS: [u32; 2] = [1, 10];
 const SITUATIONS: [Situation; 2] = [Situation::Free, Situation::Contact];
 
-/// Longest time for which a flip is watched, samples; half of it if the force is right by then.
+/// Longest time for which a flip is watched, samples. If the force is right at half of this time, the watch ends there.
 const WATCHED: u64 = 300;
 /// Count of start times in each situation.
 const STARTS: usize = 8;

@@ -10,11 +10,11 @@ use virtual_board::{
 pub enum Situation {
     /// The motor pushes the handle to a distant wall with 48 % of full scale. No hand holds the handle.
     Free,
-    /// A hand swings the handle inside a wall, 0.1 to 0.5 mm deep, at 20 Hz, whatever the force is. So the right force
-    /// is known. A force that does not change becomes wrong soon.
+    /// A hand swings the handle inside a wall, 0.1 to 0.5 mm deep, at 20 Hz. The swing does not depend on the force, so
+    /// the right force is known. A force that stays constant soon becomes wrong.
     Contact,
-    /// As `Free`, with the full force of the motor. The handle reaches the wall after 0.14 s with a high speed. So only
-    /// faults with a short time limit are injected, and they are watched for a short time.
+    /// The same as `Free`, but with the full force of the motor. The handle reaches the wall after 0.14 s with a high
+    /// speed. So only faults with a short time limit are injected, and each fault is watched for a short time.
     Full,
 }
 
@@ -124,12 +124,12 @@ pub struct Stage {
     pub read: Vec<u32>,
 }
 
-/// Samples from one start to the next. The starts are spread over a comparison with the second clock, which takes
-/// 64 outputs.
+/// Samples from one start to the next. The starts are spread over 64 outputs. The board compares its clock with a
+/// second clock in this time.
 const BETWEEN: u64 = 41;
 
 impl Stage {
-    /// Types the lines, then runs the situation with `starts` start times, and `samples` samples after the last of them.
+    /// Types the lines, then runs the situation with `starts` start times, and `samples` samples after the last start.
     ///
     /// # Errors
     /// The board does not reach this situation.

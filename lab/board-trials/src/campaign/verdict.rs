@@ -49,9 +49,9 @@ pub struct Verdict {
     /// Time for which the force was wrong or old, s.
     #[serde(skip)]
     pub wrong_s: f64,
-    /// Speed that the handle gains until the force is off, m/s. In free motion: the increase of speed since the fault
-    /// while no hand holds the handle. In contact: the speed of an imagined handle that is released at the fault and
-    /// driven by the wrong force, over at most 5 mm.
+    /// Speed that the handle gains until the force is off, m/s. In free motion, this is the increase of speed since the
+    /// fault while no hand holds the handle. In contact, this is the speed of an imagined handle, which is released at
+    /// the fault. The wrong force drives this handle over at most 5 mm.
     pub speed_m_per_s: f64,
     /// Travel of the handle until the force is off, m.
     pub travel_m: f64,
@@ -75,7 +75,7 @@ impl Verdict {
         }
     }
 
-    /// Why this result is a failure; `None` if it is not. `reason`: why the fault cannot be found.
+    /// Why this result is a failure; `None` for a good result. `reason`: why the fault cannot be found.
     pub fn wrong(&self, reason: Option<&str>) -> Option<String> {
         let fast = self.off_s.is_some_and(|off_s| off_s <= SOON_S);
         if matches!(self.class, Class::OffLate | Class::Unnoticed) && reason.is_none() {
@@ -108,7 +108,7 @@ pub struct Measure<'a> {
     /// Time limit until off, s. The time of a named fault counts from the fault. The time of a flip counts only while
     /// the force is wrong or old.
     pub allowed_s: f64,
-    /// Whether the force counts as wrong from the fault on, even while it is still right.
+    /// Whether the force is treated as wrong from the fault on, even while it is still right.
     pub from_fault: bool,
     /// Whether no hand holds the handle.
     pub free: bool,
@@ -116,11 +116,12 @@ pub struct Measure<'a> {
     pub full_m_per_s2: f64,
 }
 
-/// Largest difference of the force that counts as zero, fraction of full scale. Its cause is the grid of samples.
+/// Largest difference of the force that is treated as zero, fraction of full scale. The simulation in whole samples
+/// causes these differences.
 const SAME: f64 = 0.01;
-/// Largest difference of the force that counts as small, fraction of full scale.
+/// Largest difference of the force that is treated as small, fraction of full scale.
 const SMALL: f64 = 0.05;
-/// Longest time of a larger difference that still counts as bounded, s.
+/// Longest time of a larger difference that is still treated as bounded, s.
 pub(super) const SHORT_S: f64 = 2e-3;
 /// Samples beyond the output period after which a force is old: one sample, and the time of `render`.
 const OLD: u64 = 2;
@@ -130,7 +131,7 @@ const SAMPLE_S: f64 = 1e-4;
 /// Largest allowed gain of speed since the fault, if the force is off within [`SOON_S`], m/s.
 const GAIN_MOST_M_PER_S: f64 = 0.1;
 
-/// Smallest number of samples watched after off. `TOLD` is the largest number, if the board reports no fault.
+/// Number of samples that are watched after off. If the board reports no fault, up to `TOLD` samples are watched.
 const AFTER: u64 = 60;
 const TOLD: u64 = 2_000;
 /// Samples watched after off if the program was damaged: an output period, and the time of the output watchdog.
@@ -144,7 +145,7 @@ fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
         && last.into_iter().all(|(now, right)| (now.force - right.force).abs() <= SAME)
 }
 
-/// Fault code in the backup RAM. `None` for the code of a reset while armed, which any reset leaves there.
+/// Fault code in the backup RAM. `None` for the code of a reset while armed, because any such reset stores this code.
 fn kept_code(world: &mut World<'_>) -> Option<u8> {
     let words = std::array::from_fn(|n| {
         world.powered.mcu.peek(BACKUP + 4 * u32::try_from(n).unwrap_or_default())
@@ -164,7 +165,7 @@ struct Watched {
 }
 
 impl Measure<'_> {
-    /// Runs until the force is off and the board has reported the fault, or until the watched time ends.
+    /// Runs until the force is off and the board has reported the fault, or until the watch ends.
     pub fn verdict(&self, world: &mut World<'_>) -> Verdict {
         let watched = self.watch(world);
         let seen = world.seen.take().unwrap_or_default();
@@ -197,7 +198,7 @@ impl Measure<'_> {
                 None => {}
                 Some(_) if enabled => {
                     watched.listen(world, from_memory);
-                    // No fault code yet: only an output was missing, and the force may come back.
+                    // There is no fault code yet. So only an output was missing, and the force may come back.
                     if watched.code.is_none() {
                         (watched.off_at, after) = (None, 0);
                     } else {
@@ -302,7 +303,8 @@ impl Watched {
 mod tests {
     use super::*;
 
-    /// A fault that is off within 3 ms must not let the handle gain more than 0.1 m/s. A slower fault may.
+    /// If the force is off within 3 ms of a fault, the handle must not gain more than 0.1 m/s. If the force is off
+    /// later, the handle may gain more.
     #[test]
     fn what_is_off_soon_must_not_have_gained_speed() {
         let off = |off_s, speed_m_per_s| Verdict {

@@ -14,13 +14,13 @@ pub enum Action {
     Wait(u64),
     /// Wait for this number of cycles. The next action can then happen within a sample.
     Cycles(u64),
-    /// Move the handle by hand at this speed, m/s, for this number of samples. Then hold it.
+    /// Move the handle by hand at this speed, m/s, for this number of samples. Then hold the handle.
     Lead(f64, u64),
     /// Hold the handle at its present position.
     Hold,
     /// Release the handle.
     Free,
-    /// Move the handle by this distance at once, m. Then hold it.
+    /// Move the handle by this distance at once, m. Then hold the handle.
     Jump(f64),
     /// Open the emergency stop, or close it.
     Stop(bool),

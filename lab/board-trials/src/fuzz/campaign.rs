@@ -97,7 +97,7 @@ pub fn sessions(
     Ok(all)
 }
 
-/// Runs one session with about `SESSION` commands. Returns its actions and how it ended.
+/// Runs one session with about `SESSION` commands. Returns the session's actions and its end.
 fn one(
     run: &mut Run<'_>,
     session: &Session,
@@ -105,7 +105,7 @@ fn one(
     commands: u64,
 ) -> (Vec<Action>, Result<(), End>) {
     let (device, good_mv) = (device::built_in(session.board), session.board.supply_mv);
-    // Each session begins with its own output period.
+    // Each session begins with a random output period.
     let mut actions = vec![Action::Say(format!("period {}", random.of(&PERIODS)))];
     if let Err(end) = run.act(&actions[0]) {
         return (actions, Err(end));

@@ -2,7 +2,7 @@ use std::ops::AddAssign;
 
 use serde::Serialize;
 
-/// Counts of a session so far. JSON has the fields that are printed.
+/// Numbers of events in a session so far. JSON has the same fields as the printed text.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
     /// Lines that were typed.

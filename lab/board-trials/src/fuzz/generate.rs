@@ -332,13 +332,13 @@ fn any(random: &mut Random) -> String {
     let usages: Vec<&str> = usages().filter(|usage| is_in_image(usage)).collect();
     let usage = random.of(&usages);
     let (name, form) = usage.split_once(' ').unwrap_or((usage, ""));
-    // A self-test needs a board with its wires.
+    // A self-test needs two wires on the board.
     let name = if name == "selftest" { "get" } else { name };
     let words: Vec<&str> = form.split('|').collect();
     let word = match form {
         "" => return name.to_owned(),
         "SAMPLES" => random.of(&["1", "2", "5", "10", "1e1", "3", "0", "-1", "1.5", "11"]),
-        // A long time would make the session's next actions come later than `alive` allows.
+        // A long time would delay the session's next actions beyond the time that `alive` allows.
         "MS" => random.of(&["0", "0", "-1", "19", "1e5", "x", "500"]),
         "NAME" => random.of(&["", "none", "difference", "butterworth", "quiet-2", "a_b"]),
         _ if form.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_') => random.of(&ODD),

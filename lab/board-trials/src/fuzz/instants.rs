@@ -52,9 +52,9 @@ pub struct Wrong {
 /// Result of a board's sweep over all instants.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Sweep {
-    /// Number of tried instants. Every event is tried at each of them.
+    /// Number of tried instants. Every event is tried at each instant.
     pub instants: u64,
-    /// Cycles of the period in which instructions run. The sweep covers all of them.
+    /// Cycles of the period in which instructions run. The sweep covers all these cycles.
     #[serde(rename = "cycles_of_code")]
     pub cycles: u64,
     /// Cycles of the whole period.

@@ -1,6 +1,6 @@
 //! The oracle: the firmware's library without a chip ([`CoreProgram`]), which runs beside the image on the virtual
-//! board. The library's tasks run when the image's tasks run. They get the counts, bytes, reports and orders that the
-//! image had then. Both must give the same replies, frames and outputs.
+//! board. The library's tasks run when the image's tasks run. The library's tasks get the counts, bytes, reports and
+//! orders that the image had then. Image and library must give the same replies, frames and outputs.
 
 use std::{
     collections::VecDeque,
@@ -31,7 +31,7 @@ const REPORTS: u32 = 16;
 pub struct Observed {
     /// Readings of the encoder's counter.
     pub counts: Vec<u32>,
-    /// Starts of tasks. Each has three offsets: read offset of commands, read offset of reports, write offset of
+    /// Starts of tasks. Each entry has three offsets: read offset of commands, read offset of reports, write offset of
     /// orders.
     pub entries: Vec<Entry>,
     pub replies: Vec<u8>,
@@ -40,14 +40,14 @@ pub struct Observed {
     pub saves: bool,
 }
 
-/// The outputs and the other parts of a frame.
+/// The content of a frame: outputs and parts.
 #[derive(Clone)]
 struct Told {
     sequence: u32,
     /// The outputs, each with its force.
     outputs: Vec<(Record, Force)>,
     positions: Vec<Position>,
-    /// Whether the frame may have waited for a save, longer than the image stores positions.
+    /// Whether the frame may have waited for a save. During a long wait the image loses the frame's positions.
     waited: bool,
     settings: Vec<Option<InForce>>,
     port: Option<Exchanged>,
@@ -55,9 +55,9 @@ struct Told {
 }
 
 impl Told {
-    /// Describes how the image's frame differs. Two differences are allowed, since they depend on when `link` was
-    /// preempted: the sample of a key, and which of two frames has a key. A third difference is allowed, since it
-    /// depends on how long flash is busy: a frame that waited for a save has no positions.
+    /// Describes how the image's frame differs. Three differences are allowed. The key may be of another sample, or in
+    /// another frame: both depend on when `link` was preempted. A frame that waited for a save may lack the positions:
+    /// this depends on how long flash is busy.
     fn difference(&self, library: &Self) -> Option<String> {
         let keys = self.key.as_ref().zip(library.key.as_ref());
         let keys = keys.filter(|(key, its)| key.sample == its.sample);
@@ -75,7 +75,7 @@ impl Told {
     }
 }
 
-/// A text with both values if the image's and the library's differ.
+/// A text with both values, if the image's value differs from the library's.
 fn different<T: PartialEq + Debug>([image, library]: [T; 2]) -> Option<String> {
     (image != library).then(|| format!("the image tells {image:?}, the library {library:?}"))
 }
@@ -199,7 +199,7 @@ impl Oracle {
         self.program.iter_mut().for_each(|program| program.supply(low));
     }
 
-    /// Follows the image. The image's command channel has `size` bytes.
+    /// Runs the library as far as the image has run. The image's command channel has `size` bytes.
     ///
     /// # Errors
     /// The image has done something different from the library.
@@ -233,7 +233,7 @@ impl Oracle {
         Ok(Some(program))
     }
 
-    /// Runs the image's tasks in the library, as far as their inputs are known.
+    /// Runs the image's tasks in the library, as far as the inputs of the tasks are known.
     fn run(&mut self, program: &mut CoreProgram, size: u32) -> Result<(), String> {
         while let Some(entry) = self.entries.front() {
             if entry.exception != LINK {
@@ -253,7 +253,7 @@ impl Oracle {
         Ok(())
     }
 
-    /// Runs the next task if it is not `link`. Returns whether its inputs are known.
+    /// Runs the next task if it is not `link`. Returns whether the inputs of the task are known.
     fn preempt(&mut self, program: &mut CoreProgram) -> Result<bool, String> {
         match self.entries.front().map(|entry| entry.exception) {
             Some(SAMPLE) => {
@@ -337,7 +337,8 @@ impl Oracle {
         Ok(())
     }
 
-    /// Compares the hardware's output code from zero, and enable, with the library's. No task may be running.
+    /// Compares enable and output code of the hardware with the library's. Codes are counted from zero force. No task
+    /// may be running.
     ///
     /// # Errors
     /// The outputs differ.
@@ -381,7 +382,8 @@ fn line(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|byte| *byte == b'\n').map(|at| at + 1)
 }
 
-/// Replies that list parts of a build. Each has its beginning and the separator of its items.
+/// Replies that list parts of a build. Each entry has the beginning of the reply, and the separator of the reply's
+/// items.
 const LISTS: [(&str, &str); 2] = [("ok help, ", ", "), ("error: unknown estimator, allowed ", " ")];
 /// Numbers of the estimators that are in every build.
 const EVERYWHERE: RangeInclusive<u32> = 1..=5;

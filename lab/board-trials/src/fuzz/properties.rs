@@ -1,4 +1,4 @@
-//! Rules that do not depend on the library, since the library could be wrong too. They check the board's pins,
+//! Rules that do not depend on the library, since the library could be wrong too. The rules check the board's pins,
 //! registers, resets, replies and frames of telemetry.
 
 use virtual_board::{board::Force as Wired, world::World};
@@ -11,20 +11,22 @@ use super::{counts::Counts, oracle::Observed, rule};
 
 /// Longest time from one feeding of the watchdog to the next, ms.
 const FED_MS: u64 = 20;
-/// Samples within which a line must be answered. They include earlier lines and an erase of flash.
+/// Samples within which a line must be answered. This time includes the answers to earlier lines, and an erase of
+/// flash.
 const ANSWER: u64 = 3_000;
 const LINE: u64 = 200;
 const SAVED: u64 = 25_000;
-/// Highest voltage of a low supply, mV. Sessions set no voltage between it and the lowest normal supply of the board.
+/// Highest voltage of a low supply, mV. Sessions set no voltage between `LOW_MV` and the lowest normal supply of the
+/// board.
 const LOW_MV: u32 = 2_800;
 
 /// State of the rules.
 #[derive(Clone, Debug, Default)]
 pub struct Properties {
-    /// Number of lines without a reply. `waited` is the number of samples since the first of them.
+    /// Number of lines without a reply. `waited` is the number of samples since the first of these lines.
     asked: u64,
     waited: u64,
-    /// Whether `arm` is one of these lines. `saves` is the same for `save`.
+    /// Whether one of the lines without a reply is `arm`. `saves` is the same for `save`.
     arms: bool,
     saves: bool,
     /// Whether the board has obeyed `arm`, and no `disarm` after it.

@@ -36,7 +36,7 @@ const LATE: u64 = 400;
 /// Cycles within which a low supply must disable the amplifier: 60 us (docs/faults.md).
 const DETECTED: u64 = 10_000;
 /// Symbol of the data that the tasks share, in the compiler's layout. The queue of orders is at the end and has a known
-/// size. The queue of reports is before it. Each queue ends with its read and write offsets.
+/// size. The queue of reports is before the queue of orders. Each queue ends with its read and write offsets.
 const QUEUES: &str = "init_queues";
 const ORDERS: u32 = 312;
 /// Samples that a board needs to start.
@@ -48,7 +48,7 @@ pub struct Checks {
     pub oracle: Oracle,
     pub properties: Properties,
     pub counts: Counts,
-    /// Observations of library and rules. They are added to the counts when an action has ended.
+    /// Observations of library and rules. These numbers are added to the counts when an action has ended.
     seen: Counts,
     pub held: bool,
     samples: u64,
@@ -162,7 +162,7 @@ impl<'a> Run<'a> {
     /// Ends a session: waits for all replies and compares everything.
     ///
     /// # Errors
-    /// As [`act`](Self::act).
+    /// The errors of [`act`](Self::act).
     pub fn finish(&mut self) -> Result<(), End> {
         self.answered()?;
         self.pass(100)?;
@@ -183,7 +183,7 @@ impl<'a> Run<'a> {
         self.checks.held = held;
     }
 
-    /// Types lines. Bytes for which the channel has no room wait.
+    /// Types lines. If the channel is full, the remaining bytes wait.
     fn send(&mut self, text: &str) -> Result<(), End> {
         self.probe()?;
         for line in text.split(['\n', '\r']).filter(|line| !line.trim_ascii().is_empty()) {

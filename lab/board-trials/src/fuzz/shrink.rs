@@ -1,5 +1,5 @@
-//! Finds the shortest session with the same failure. It leaves out pieces of the session, large ones first, if the
-//! session still fails without them.
+//! Finds the shortest session with the same failure. The search leaves out a piece of the session if the session still
+//! fails without the piece. Large pieces are tried first.
 
 use std::time::{Duration, Instant};
 
@@ -29,7 +29,7 @@ struct Failing {
     what: String,
 }
 
-/// Runs `actions` from the last state of `before`. Returns whether they fail in the same way.
+/// Runs `actions` from the last state of `before`. Returns whether the actions fail in the same way.
 fn fails(
     run: &mut Run<'_>,
     mut before: Vec<Before>,

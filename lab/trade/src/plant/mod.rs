@@ -5,11 +5,11 @@
 //! | trajectory | the commands of one wall hit inside the boundary are replayed. The result is the largest distance from the reference's position |
 //! | verdicts | number of verdicts that differ from the reference's, for hits at one and two steps of K on both sides of the boundary |
 //! | boundary | area of the walks from two starts, compared with the reference's. The grid is [`COARSER`] times as coarse as the scene's |
-//! | cost | tried steps times the additions and multiplications of a step, per simulated second. An adaptive method repeats some steps, and an event takes several |
+//! | cost | tried steps times the additions and multiplications of a step, per simulated second. An adaptive method repeats some steps, and an event needs several steps |
 //!
 //! The reference is the exact step. On a non-linear plant the reference is the adaptive method with its smallest
 //! tolerance. At the boundary a hit is chaotic. So a second reference starts [`NUDGE_COUNTS`] away, as the repeats of a
-//! sweep do. The verdicts and the area that change by this are reported too. A method with smaller changes gives the
+//! sweep do. The differences between the two references are reported too. A method with smaller differences gives the
 //! same answer as the reference.
 
 mod replay;
@@ -38,7 +38,7 @@ const REPEATS: u32 = 2;
 /// Number of points of the boundary. `BESIDE` are the distances of the compared hits from each point, in steps of K.
 const POINTS: usize = 8;
 const BESIDE: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
-/// Change of the reference's start, counts. It shows the effect of chaos.
+/// Change of the reference's start, counts. This change shows the effect of chaos.
 pub const NUDGE_COUNTS: f64 = 0.25;
 /// Numbers of equal steps per sample.
 const STEPS: [u32; 6] = [1, 2, 5, 10, 20, 50];
@@ -126,11 +126,11 @@ impl Method {
 pub struct PlantMeasured {
     /// Largest distance from the reference's position, m.
     pub trajectory_m: f64,
-    /// Verdicts that differ from the reference's.
+    /// Number of verdicts that differ from the verdicts of the reference.
     pub verdicts_wrong: usize,
     /// Mean area, N^2 s/m^2.
     pub area: f64,
-    /// Relative difference of the area from the reference's.
+    /// Relative difference of the area from the area of the reference.
     pub area_change: f64,
     /// Tried steps per sample; one for the exact step.
     pub steps_per_sample: f64,
@@ -151,7 +151,7 @@ pub struct PlantRow {
 pub struct Plants {
     /// One row per method, the reference first.
     pub rows: Vec<PlantRow>,
-    /// Cutoff of the scene's estimator in all hits, Hz; 0 if it has none.
+    /// Cutoff of the scene's estimator in all hits, Hz; 0 for an estimator without a cutoff.
     pub cutoff_hz: f64,
     /// The wall of the replayed hit: K, N/m, and B, N s/m.
     pub wall: [f64; 2],
@@ -163,7 +163,7 @@ pub struct Plants {
     pub area_chaotic: f64,
 }
 
-/// The scene's estimator. Its cutoff, if it has one, is in the middle of the scene's sweep.
+/// The scene's estimator. If the estimator has a cutoff, the middle cutoff of the scene's sweep is used.
 pub fn filter(scene: &Scene) -> VelocitySettings {
     let cutoffs = &scene.sweep.cutoffs_hz;
     scene.velocity.at(cutoffs[cutoffs.len() / 2])
@@ -228,7 +228,7 @@ pub fn measure(
     let (expected, nudged, area) = (expected?, nudged?, area?);
     let area_chaotic = area_nudged? / area - 1.0;
     done();
-    // The last methods have the most steps and take longest. So they start first.
+    // The last methods have the most steps and take longest. So these methods start first.
     let rows: Vec<Result<PlantRow, Error>> = methods
         .par_iter()
         .rev()
@@ -342,7 +342,7 @@ mod tests {
         Method::Integrated(Integrator::Rk4 { steps_per_sample })
     }
 
-    /// With a latency that is no whole number of samples, steps are split.
+    /// The latency is no whole number of samples, so steps are split.
     #[test]
     fn the_commands_of_a_hit_give_the_reference_the_same_hit() {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -367,7 +367,7 @@ mod tests {
             let replayed = recorded.replay(&rk4(steps).plant(&scene));
             assert_eq!(replayed.steps, u64::from(steps) * 60_000);
         }
-        // An adaptive method repeats some steps. It needs more steps for a smaller error.
+        // An adaptive method repeats some steps. For a smaller error, the method needs more steps.
         let adaptive = |tolerance: f64| {
             let method = Method::Integrated(Integrator::DormandPrince {
                 relative_tolerance: tolerance,

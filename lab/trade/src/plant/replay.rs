@@ -12,7 +12,7 @@ use crate::{
 pub struct Recorded {
     start_m: f64,
     positions_m: Vec<f64>,
-    /// Command that takes effect within each sample, N. `None` if there is none.
+    /// Command that takes effect within each sample, N. `None` if no command takes effect.
     commands_n: Vec<Option<f64>>,
 }
 
@@ -26,7 +26,7 @@ pub struct Replayed {
 }
 
 impl Recorded {
-    /// Runs a whole hit with the core and records it.
+    /// Runs a whole hit with the core and records this hit.
     pub fn new(prepared: &PreparedScene, hit: &WallHit) -> Result<Self, HitError> {
         let samples = (prepared.plan().settle + prepared.plan().window) as usize;
         #[expect(
@@ -64,7 +64,7 @@ impl Recorded {
         Replayed { error_m, steps: plant.steps(&state), samples }
     }
 
-    /// Time of the plant alone on this machine, ns per sample. It differs from call to call.
+    /// Time of the plant alone on this machine, ns per sample. This time differs from call to call.
     pub fn host_ns(&self, plant: &AnyPlant) -> f64 {
         const RUNS: u32 = 3; // the smallest time counts
         let timed = |_| each_plant!(plant, plant => self.timed(plant));

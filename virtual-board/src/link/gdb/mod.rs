@@ -54,7 +54,8 @@ impl Port {
         Self { listener, silent: None }
     }
 
-    /// Checks for a client and serves it until it disconnects. A client halts the board only when it sends a byte.
+    /// Checks for a client and serves the client until the client disconnects. A client halts the board only when the
+    /// client sends a byte.
     pub(super) fn look(
         &mut self,
         world: &mut World<'_>,

@@ -41,7 +41,7 @@ const MONITOR: &str = "monitor halt, monitor reset, monitor watchdog stop|run";
 
 pub(super) struct Debugged<'a, 'b> {
     pub(super) world: &'a mut World<'b>,
-    /// The halt, its start in real time, and how many cycles of it have been simulated.
+    /// The halt, its start in real time, and the number of its cycles that have been simulated.
     halt: Option<(Halted, Instant, u64)>,
     stops: Stops,
     /// The breakpoints that gdb calls "hardware".
@@ -68,7 +68,7 @@ impl<'a, 'b> Debugged<'a, 'b> {
         }
     }
 
-    /// Simulates the real time of the halt that has passed. What a halt does not stop runs on.
+    /// Simulates the real time of the halt that has passed. Peripherals that a halt does not stop run on.
     pub(super) fn stay(&mut self) {
         let Some((_, begun, passed)) = &mut self.halt else { return };
         let per_us = u128::from(self.world.powered.mcu.core_hz() / 1_000_000);

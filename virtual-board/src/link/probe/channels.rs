@@ -8,7 +8,7 @@ use crate::{
     rtt::{Block, Ring, Rtt},
 };
 
-/// After so long without a byte, the link checks whether the core runs.
+/// Time without a byte after which the link checks whether the core runs.
 pub(super) const QUIET: Duration = Duration::from_millis(500);
 /// Largest number of bytes of a channel that wait for a reader. Further bytes stay on the board.
 const WAITING: usize = 1 << 16;
@@ -45,7 +45,7 @@ impl Channels {
     /// Waits until the program has set up the control block.
     ///
     /// # Errors
-    /// There is no control block, the block is another program's, or the core is halted; one line of text.
+    /// There is no control block, the block is another program's, or the core is halted. The error is one line of text.
     pub(super) fn met(probe: &mut impl Probe, rtt: Rtt) -> Result<Self, String> {
         let address = rtt.address();
         let end = Instant::now() + PATIENCE;
@@ -99,8 +99,8 @@ impl Channels {
     /// Takes the received bytes of all channels.
     ///
     /// # Errors
-    /// The control block is missing or could not be reached; one line of text. Bytes that were taken before the error
-    /// are kept.
+    /// The control block is missing or could not be reached. The error is one line of text. Bytes that were taken
+    /// before the error are kept.
     pub(super) fn exchange(&mut self, core: &mut impl Core) -> Result<(), String> {
         let block = self.look(core)?;
         for (n, up) in (0..).zip(&mut self.up) {
@@ -130,7 +130,7 @@ impl Channels {
     /// Puts bytes into the command channel. Returns how many bytes had room.
     ///
     /// # Errors
-    /// No byte had room, or the board is lost; one line of text.
+    /// No byte had room, or the board is lost. The error is one line of text.
     pub(super) fn send(&mut self, core: &mut impl Core, bytes: &[u8]) -> Result<usize, String> {
         let Some(ring) = self.look(core)?.down(0) else { return Ok(0) };
         let (count, next) = ring.fill(core, bytes)?;
@@ -154,7 +154,8 @@ impl Channels {
 }
 
 impl Up {
-    /// Takes the bytes in a channel's buffer. Returns their number; `None` if another reader has taken some.
+    /// Takes the bytes in a channel's buffer. Returns the number of bytes; `None` if another reader has taken some
+    /// bytes.
     fn take(&mut self, core: &mut impl Core, mut ring: Ring) -> Result<Option<usize>, String> {
         if ring.read == self.released {
             // The write of the read offset had failed. The bytes before `next` are not read again.

@@ -1,4 +1,5 @@
-//! A simulated board behind a probe, at the level of its memory. It answers as the firmware does, and can fail.
+//! A simulated board behind a probe, at the level of its memory. The simulated board answers as the firmware does, and
+//! can fail.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -12,7 +13,7 @@ const BUFFERS: [[u32; 2]; 4] =
 const FLASH: u32 = 0x0800_0000;
 const OFF: &str = "ok status off, fault none, idle, sample 42";
 
-/// How much of its work a write has done when it fails.
+/// How much of a write is done when the write fails.
 #[derive(Clone, Copy, PartialEq)]
 enum Effect {
     Nothing,
@@ -33,7 +34,7 @@ struct State {
     looks: u32,
     /// Whether every access fails from now on.
     gone: bool,
-    /// Address at which the next write fails, and how much of its work that write does.
+    /// Address at which the next write fails, and how much of this write is done.
     fails: Option<(u32, Effect)>,
     gone_after: bool,
     let_go: bool,
@@ -354,7 +355,7 @@ fn no_command_is_sent_twice() {
     assert_eq!(link.write(COMMANDS, b"hit\n"), 0);
     assert!(link.lost().unwrap().contains("nobody knows whether a command"));
     assert_eq!(link.write(COMMANDS, b"hit\n"), 0);
-    // A lost board stays lost. But the link still sends `disarm` to it if an access succeeds.
+    // A lost board stays lost. But the link still sends `disarm` to a lost board if an access succeeds.
     bench.state().gone = false;
     drop(link);
     assert_eq!(bench.state().obeyed, ["hit", "hit", "disarm"]);

@@ -11,7 +11,7 @@ use super::super::FLASH;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Runs,
-    /// The code goes on at another index of the table.
+    /// The code continues at another index of the table.
     Elsewhere,
     /// An instruction that the emulator must run.
     Not,

@@ -1,12 +1,13 @@
-//! Copies of S0 to S31. A register is fetched from the emulator when it is needed. It is written back before the
-//! emulator may need it.
+//! Copies of S0 to S31. A register is fetched from the emulator when it is needed. The register is written back before
+//! the emulator may need it.
 
 use rsemu::cpu::arm::v7m::ArmV7m;
 
 #[derive(Debug, Default)]
 pub(super) struct Floats {
     values: [u32; 32],
-    /// Bit n stands for register Sn. It is set if Sn was fetched; in `newer`, if Sn is newer than the emulator's.
+    /// Bit n is set if register Sn was fetched. In `newer`, bit n is set if the copy of Sn is newer than the emulator's
+    /// register.
     fetched: u32,
     newer: u32,
 }

@@ -1,8 +1,8 @@
-//! Runs most instructions without the emulator, whose step takes some ten times as long.
+//! Runs most instructions without the emulator. A step of the emulator takes some ten times as long.
 //!
 //! This module runs instructions that access only the core's registers, flash and RAM. The emulator's own decoder
-//! decodes each instruction once. Each takes as many cycles as in the emulator. [`Mcu::may_run`] checks that no
-//! exception is due and that no other event needs the emulator. The emulator runs all other instructions, and
+//! decodes each instruction once. An instruction takes as many cycles here as in the emulator. [`Mcu::may_run`] checks
+//! that no exception is due and that no other event needs the emulator. The emulator runs all other instructions, and
 //! instructions that would fault. Both ways give the same result, bit for bit and cycle for cycle. Tests run random
 //! code and whole sessions in both ways.
 
@@ -61,7 +61,7 @@ const FLASH_CR: u64 = 0x10;
 const LOCK: u32 = 1 << 31;
 
 impl Mcu {
-    /// Makes the emulator run every instruction, or ends this. Tests compare the two ways.
+    /// Sets whether the emulator runs every instruction. Tests compare the two ways.
     pub fn emulate_all(&mut self, all: bool) {
         self.fast.off = all;
     }

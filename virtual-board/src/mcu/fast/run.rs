@@ -76,7 +76,8 @@ impl Core<'_> {
         batch
     }
 
-    /// Runs one instruction and returns its cycles. `None`: the emulator must run it, and nothing was changed.
+    /// Runs one instruction and returns its cycles. `None`: the emulator must run the instruction, and nothing was
+    /// changed.
     #[inline(always)]
     fn one(&mut self, instruction: &Insn, wide: bool) -> Option<u64> {
         let at = self.registers.r[15];
@@ -158,7 +159,8 @@ impl Core<'_> {
         (to & 1 != 0 && to < RETURNS).then_some(())
     }
 
-    /// Runs an instruction. `sets`: whether a short instruction sets the flags; in an IT block it does not.
+    /// Runs an instruction. `sets`: whether a short instruction sets the flags. In an IT block a short instruction does
+    /// not set the flags.
     #[inline(always)]
     #[expect(clippy::too_many_lines, reason = "one arm for each form")]
     fn execute(&mut self, instruction: &Insn, sets: bool) -> Option<u64> {
