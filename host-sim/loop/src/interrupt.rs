@@ -1,4 +1,4 @@
-//! The flag that asks a command to end. A long computation checks the [`flag`] between two pieces of its work.
+//! The flag that asks a command to end. A long computation checks this [`flag`] between two pieces of work.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 

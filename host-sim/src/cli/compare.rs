@@ -38,7 +38,7 @@ use crate::{
 /// Compares velocity estimators, each tuned by the same search: Z-width, delay, noise, roughness, fidelity, cost.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
-    /// Built-in scene or scene file. Its own estimator is not used.
+    /// Built-in scene or scene file. The scene's estimator is not used.
     scene: String,
     /// Estimators by their names in the table, A,B,C [default: all except second-order, smoothing, tracking-lead,
     /// window-difference, biquad and biquad-2].

@@ -34,12 +34,12 @@ use crate::{
 pub struct LinearArgs {
     #[command(flatten)]
     at: AtCutoffs,
-    /// Use the scene's output period and latency. Without it, there is a force with every sample and without latency,
-    /// as in the paper's equations (3) to (5). The scene's linear elements are part of both.
+    /// Use the scene's output period and latency. Without this option, the loop has an output at every sample and no
+    /// latency, as in the paper's equations (3) to (5). Both loops have the scene's linear elements.
     #[arg(long)]
     multirate: bool,
     /// Add the largest K of passive walls in the same loop: no motion of the handle takes energy out of wall and device
-    /// damping. It holds for anything on the handle, also if it changes with time.
+    /// damping. This K is valid for any load on the handle, also for a load that changes with time.
     #[arg(long)]
     passivity: bool,
     /// Add the simulated boundary, and explain its points above the linear envelope.
@@ -76,7 +76,7 @@ struct SimulatedRow {
     linear_n_per_m: f64,
     /// Intervals of K above the envelope in which the linear loop is stable.
     further_stable_n_per_m: Vec<(f64, f64)>,
-    /// Whether the linear loop is unstable at this wall. If it is, the motion is a limit cycle.
+    /// Whether the linear loop is unstable at this wall. If the loop is unstable, the motion is a limit cycle.
     linearly_unstable: bool,
     rms_m: f64,
     saturated_fraction: f64,
@@ -93,17 +93,17 @@ struct Row {
     unstable_at_zero: bool,
     /// Whether the paper's gain-margin method gives the same result.
     gain_margin_holds: bool,
-    /// Further intervals of K, above the first, in which the loop is stable: from and to of each.
+    /// Further intervals of K, above the first, in which the loop is stable: lower and upper end of each interval.
     further_stable_n_per_m: Vec<(f64, f64)>,
     /// Number of K > 0 at which roots cross the unit circle. If there are several, the paper's method must select one.
     phase_crossings: usize,
-    /// Largest K for which all walls from 0 on are passive at the port of a damped mass. 0 if no wall is. Only with
-    /// `--passivity`.
+    /// Largest K for which all walls from 0 on are passive at the port of a damped mass. 0 if no wall is passive. Only
+    /// with `--passivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
     stiffness_passive_n_per_m: Option<f64>,
 }
 
-/// Largest number of points of a boundary. They are kept in memory until the end.
+/// Largest number of points of a boundary. All points are kept in memory until the end.
 const POINTS_MAX: usize = 1_000_000;
 
 struct Analysis {
@@ -187,7 +187,7 @@ fn simulated_rows(analysis: &Analysis) -> impl Iterator<Item = SimulatedRow> {
     })
 }
 
-/// A sentence for each cutoff. It explains the points of the simulated boundary.
+/// A sentence for each cutoff, which explains the points of the simulated boundary.
 fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
     let rms_limit_m = scene.wall_hit.rms_limit_m;
     let mut text = String::new();

@@ -37,7 +37,7 @@ impl Repeats {
     }
 
     /// Whether the repeats show that the mean is below `share` times the mean of `best`. The test is one-sided, at
-    /// [`LEVEL`]. If neither has any spread, the means are compared directly.
+    /// [`LEVEL`]. If neither result has any spread, the means are compared directly.
     pub fn is_below(&self, share: f64, best: &Self) -> bool {
         let lacking = share * best.mean - self.mean;
         let errors = [self.squared_error, share * share * best.squared_error];

@@ -56,8 +56,8 @@ pub struct Actuator {
     pub period: u32,
     /// Samples from the encoder reading to the force on the handle; may be a fraction.
     pub latency: f64,
-    /// For an observer that uses the force. `true`: it gets a force when it acts, to the nearest sample; latency up to
-    /// 64 samples. `false`: when safety grants it, as on the boards. Absent: `false`.
+    /// When an observer with force input gets a force. `true`: when the force acts, to the nearest sample; latency up
+    /// to 64 samples. `false`: when safety grants the force, as on the boards. Absent: `false`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub latency_known: bool,
 }
@@ -90,7 +90,7 @@ pub struct Sampling {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wall {
-    /// Position of the wall's surface; the wall is at larger positions; within 2^30 counts.
+    /// Position of the wall's surface, within 2^30 counts. The wall is at larger positions.
     pub position_m: f64,
     /// Whether the wall only pushes the handle, and never pulls it.
     pub push_only: bool,
@@ -247,7 +247,7 @@ pub enum Criterion {
     Unsaturated,
     /// The motion's sensation level is below its limit.
     Felt,
-    /// At each of four pushes, handle and force are at rest, and the wall holds the handle.
+    /// At each of four pushes, handle and force are at rest, and the wall has the commanded K.
     Quiet,
 }
 

@@ -133,7 +133,8 @@ impl<P> Parts<P> {
 
 impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
     /// Computes the next samples: at most `most`, and none after an output. Sample `n` is at `t = n T`, and includes
-    /// the motion until `(n + 1) T`. Its five steps are those of docs/theory.md. Returns the number of samples.
+    /// the motion until `(n + 1) T`. docs/theory.md describes the five steps of a sample. Returns the number of
+    /// samples.
     #[inline(always)]
     fn run<P: Plant<State = X>>(
         &mut self,
@@ -177,7 +178,7 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
             self.on_the_way.send(forces_n, rendered.output * parts.full_scale_n);
             block.output(rendered);
         }
-        // step 4: a command that takes effect within the last sample; step 5: the plant after it
+        // step 4: a command that takes effect within the last sample; step 5: the plant after this command
         let state = self.state;
         if self.on_the_way.effective + 1 == self.index {
             let force_n = self.on_the_way.arrived(forces_n).unwrap_or(self.output_n);

@@ -1,6 +1,6 @@
 //! Inputs of the controller beside the count (senses): commanded force, acceleration, edge times.
 //!
-//! Few estimators use them. So a run is compiled in two forms: without these inputs ([`Blind`]) and with them
+//! Few estimators use these inputs. So a run is compiled in two forms: without these inputs ([`Blind`]) and with them
 //! ([`Full`]). The prepared scene selects one form per run. Only the input that the hit's estimator uses is computed.
 
 use zwidth::{
@@ -59,19 +59,20 @@ impl Sensing for Blind {
 
 /// The inputs that estimators can use.
 ///
-/// *Force*: the last granted force, after saturation, held until the next output, as in the firmware
+/// *Force*: the last granted force, after saturation; it stays constant until the next output, as in the firmware
 /// ([`zwidth::safety::GuardedSampler`]). The estimator assumes that the force has acted since the last sample. This
-/// suits our boards, whose latency is below half a sample. With `actuator.latency_known` the estimator gets the force
-/// when it acts: later by the latency, rounded to whole samples.
+/// assumption suits our boards, whose latency is below half a sample. With `actuator.latency_known` the estimator gets
+/// the force when the force acts: later by the latency, rounded to whole samples.
 ///
-/// *Acceleration*: the mean over the sample, computed from the speeds. It passes a first-order low-pass if the scene's
-/// accelerometer has a bandwidth. Noise, bias, range and resolution are applied after that.
+/// *Acceleration*: the mean over the sample, computed from the speeds. If the scene's accelerometer has a bandwidth, a
+/// first-order low-pass follows. Noise, bias, range and resolution are applied last.
 ///
 /// *Edges*: the last crossing of the border between two counts. The path is the cubic through the positions and speeds
 /// at both ends of the sample (Hermite), with the scene's encoder error. Under a constant force the error of the path
 /// is below 1e-6 counts for the scenes' devices. If the force changes by dF within the sample, the error is up to
 /// `0.0162 dF T^2 / m`: 0.005 counts for the whole range of the paper's device. Noise and jitter change once per
-/// sample, so edges would not agree with the counts. So a scene with noise or jitter has no edges ([`Scene::feeds`]).
+/// sample, so edges would not agree with the counts. For this reason a scene with noise or jitter has no edges
+/// ([`Scene::feeds`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Full {
     /// The input that the estimator uses. `None` if it uses only counts.
@@ -90,7 +91,7 @@ pub struct Full {
 struct Told {
     granted: Force,
     ring: [Force; LATENCY_KNOWN_MAX as usize],
-    /// Number of used entries. 0: the estimator gets a force at once.
+    /// Number of used entries. With 0, the estimator gets a force at once.
     samples: usize,
     next: usize,
 }

@@ -1,4 +1,4 @@
-//! The regimes of the plant: which equation holds, when it ends, and which equation follows.
+//! The regimes of the plant: which equation is valid, when its regime ends, and which regime follows.
 
 use super::{HybridState, IntegratedStep};
 use crate::{
@@ -16,7 +16,7 @@ pub struct Regime {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) enum Motion {
-    /// Free to move. Friction acts against this direction.
+    /// Free to move. Friction acts against upward motion.
     #[default]
     Up,
     Down,
@@ -195,7 +195,7 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Lets the transmission relax for a time if no flank is touched.
+    /// Lets the transmission relax for `duration_s` if no flank is touched.
     #[inline]
     pub(super) fn relax(&self, state: &mut HybridState<N>, duration_s: f64) {
         if let (Some(gap), Play::Apart { stretch_m }) = (&self.gap, &mut state.regime.play) {

@@ -7,8 +7,8 @@
 //! ```
 //! Motor and encoder stay on the same body. The mode is part of the exact step.
 //!
-//! The model is the standard two-mass model of motor, cable transmission and body. Vibration modes in haptic stability:
-//! Diaz, Gil, IEEE T-RO 26(1), 2010.
+//! The model is the standard two-mass model of motor, cable transmission and body. A source on vibration modes in
+//! haptic stability: Diaz, Gil, IEEE T-RO 26(1), 2010.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -4,8 +4,8 @@
 //! ```text
 //! F = max(0, stiffness d + damping d')   against the motion, while d > 0; a stop never pulls
 //! ```
-//! Let a device of mass m, without other bodies, arrive with speed v. A force of at most F presses it on the stop. From
-//! the energy, its depth is `d <= F/k + sqrt((F/k)^2 + m v^2 / k)`.
+//! Let a device of mass m, without other bodies, arrive with speed v. A force of at most F presses it on the stop. By
+//! conservation of energy, the depth of the device is `d <= F/k + sqrt((F/k)^2 + m v^2 / k)`.
 //!
 //! `stop = "rigid"`: the device turns back with `restitution` times its speed and never passes the end. After a bounce
 //! slower than [`REST_SPEED_M_PER_S`] it rests on the stop until a force moves it away.

@@ -31,7 +31,7 @@ impl Foaw {
         let mut velocity = past[0];
         for i in 2..=self.window {
             let (number, over) = self.slope(&s, i);
-            // all numbers are whole, so a sample exactly at the noise bound counts as inside
+            // all numbers are whole, so the comparison is exact; a sample exactly at the noise bound is inside
             let within = (0..i)
                 .zip(&s)
                 .all(|(j, s)| (s * over - f64::from(j) * number).abs() <= self.noise * over);
