@@ -35,7 +35,7 @@ pre{margin:0;padding:.8rem 1rem;overflow-x:auto;font-size:.82rem;line-height:1.4
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
-    /// Small line above the answer, which is also the page's title: scene and resolution.
+    /// Scene and resolution: the small line above the answer, and the title of the page.
     pub title: String,
     /// Smallest nominal cutoff that is as good as the best cutoff. `None` if no wall was stable.
     pub ideal_cutoff_hz: Option<f64>,

@@ -22,7 +22,7 @@ const LAST_WORDS: Duration = Duration::from_millis(100);
 /// unfinished files, `report` prints the error, and the process ends with [`INTERRUPTED`].
 ///
 /// # Errors
-/// The system does not allow it, or this function was called before.
+/// The system does not allow this program to listen, or this function was called before.
 pub fn watch(clean: fn(), report: fn()) -> Result<(), Error> {
     let ended = move || {
         interrupt::flag().store(true, Ordering::Relaxed);

@@ -94,7 +94,7 @@ pub struct Study {
     pub levers: Option<LeverStudy>,
     /// The study of other rates. `None` if the user has not asked for it.
     pub rates: Option<RateStudy>,
-    /// The probabilities of walls. `None` if the user has not asked for them.
+    /// The probabilities of walls. `None` if the user has not asked for probabilities.
     pub probability: Option<ProbabilityStudy>,
     /// Reason why the default second limit was left out.
     pub limits_left_out: Option<String>,
@@ -346,7 +346,8 @@ impl Study {
         })?)
     }
 
-    /// The caption of a figure by the scene's own criterion. It says so if the recommendation has another one.
+    /// The caption of a figure by the scene's own criterion. If the recommendation has another criterion, the caption
+    /// says so.
     fn by_its_own(&self, caption: &str) -> String {
         let Some(_) = self.recommended() else { return caption.into() };
         let criterion = self.scene.scene.wall_hit.criterion.name();

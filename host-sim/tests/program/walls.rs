@@ -101,7 +101,7 @@ fn a_velocity_beyond_its_range_is_refused_or_reported() {
         line.contains("more than 0.328 m/s") && line.contains("encoder.resolution_m"),
         "{line}"
     );
-    // slow enough from the scene's start position, but too fast from a start 10 mm before it
+    // slow enough from the scene's start position, but too fast from a start 10 mm before that position
     let slower = text.replace("push_n = 2.835", "push_n = 1.65");
     fs::write(folder.path().join("fine.toml"), slower).unwrap();
     let wall =

@@ -13,7 +13,7 @@ use super::{
 
 const TOP: f64 = 56.0;
 const PANEL_HEIGHT: f64 = 104.0;
-/// Distance between panels. It has space for the labels of the time axis.
+/// Distance between panels, with space for the labels of the time axis.
 const GAP: f64 = 26.0;
 const PANELS: usize = 3;
 /// Height of a row of flags.
@@ -54,7 +54,8 @@ pub struct TelemetryPlot {
     pub points: Vec<TelemetryPoint>,
 }
 
-/// Draws three panels one below the other. Below them, each flag has a row with bars at the times at which it is set.
+/// Draws three panels one below the other. Below the panels, each flag has a row. The bars in the row show when the
+/// flag is set.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN or infinite, or there are no records.
@@ -168,7 +169,7 @@ pub struct ReplayPlot {
     pub points: Vec<[f64; 4]>,
 }
 
-/// Draws the position over time, and below it both velocities.
+/// Draws the position over time, and both velocities below the position.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN or infinite, or there are no samples.
