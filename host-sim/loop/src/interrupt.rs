@@ -6,7 +6,7 @@ use crate::error::Error;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// The flag. It is set when the command must end.
+/// The flag, which is set when the command must end.
 pub fn flag() -> &'static AtomicBool {
     &REQUESTED
 }

@@ -19,7 +19,7 @@ use crate::{
     study::asked::prepare,
 };
 
-/// Hits one wall, and says whether it is stable.
+/// Hits one wall, and says whether the wall is stable.
 #[derive(Debug, Args)]
 pub struct HitArgs {
     #[command(flatten)]

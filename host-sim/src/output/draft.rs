@@ -1,7 +1,7 @@
 //! Drafts: unfinished files in the folder of their final path. A draft has its own name, and is locked by its program.
 //!
 //! The lock shows that a draft is in use. A second program that writes to the same path gets an error. A draft without
-//! a lock was left by a killed program. The next program that writes to this folder removes such a draft.
+//! a lock was left by a killed program. The next program that writes to this folder removes the draft.
 
 use std::{
     ffi::{OsStr, OsString},

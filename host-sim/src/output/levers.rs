@@ -256,8 +256,8 @@ impl LeverStudy {
     pub const CAPTION: &str = "The area at the ideal cutoff where the same device acts sooner and more often, and what an \
                                amplifier and a transmission leave of it.";
 
-    /// The figure: area at the ideal cutoff over the output period, with one panel for each limit. The results are
-    /// those with the motor's push.
+    /// The figure: area at the ideal cutoff over the output period, with one panel for each limit. The push is the
+    /// motor's push.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let Some(&push) = self.question.pushes.first() else { return Ok(None) };
         let mut loops: Vec<&str> = vec![];

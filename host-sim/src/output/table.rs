@@ -3,9 +3,9 @@
 //! A command writes CSV. Other formats are converted from this text, so all formats have the same values. Parquet and
 //! MCAP need the feature `open-files`.
 //!
-//! A column has 64-bit floats if it is an area, or if its name ends in a unit other than a count. This rule does not
-//! depend on the cells, so all parts of a study have one schema. For other columns the cells decide: 64-bit integers if
-//! all cells are integers, floats if all are numbers, else text. An empty cell is null.
+//! A column has 64-bit floats if the column is an area, or if its name ends in a unit other than a count. This rule
+//! does not depend on the cells, so all parts of a study have one schema. For other columns the cells decide: 64-bit
+//! integers if all cells are integers, floats if all cells are numbers, else text. An empty cell is null.
 
 use std::path::Path;
 

@@ -121,7 +121,7 @@ fn a_column_of_angles_is_read_and_one_of_metres_is_refused() {
     assert!(line.contains("no column position_rad"), "{line}");
 }
 
-/// Errors and warnings are about angles. They name options and columns of a rotary scene.
+/// Errors and warnings are about angles. The messages name options and columns of a rotary scene.
 #[test]
 fn what_is_wrong_with_a_record_is_said_about_the_axis() {
     let folder = TempDir::new().unwrap();

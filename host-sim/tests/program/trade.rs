@@ -40,7 +40,7 @@ fn trade(folder: &Path, extra: &[&str]) -> (i32, String, String) {
     (output.status.code().unwrap(), out, err)
 }
 
-/// A CSV without its last column. This column is a time on this machine.
+/// A CSV without its last column. The last column is a time on this machine.
 fn without_time(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap();
     assert!(text.lines().next().unwrap().ends_with(",host_ns"), "{path:?}");

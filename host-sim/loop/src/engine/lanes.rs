@@ -103,7 +103,7 @@ pub struct Shared<S: SimdOps, const P: usize> {
     pub stage: OutputStage<S>,
 }
 
-/// State of a vector of hits. Each sample changes it.
+/// State of a vector of hits; each sample changes the state.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Moving<S: SimdOps, const P: usize> {

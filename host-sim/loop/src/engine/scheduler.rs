@@ -250,8 +250,8 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         Some(samples.min(CHUNK_SAMPLES))
     }
 
-    /// Checks a lane after `samples` more samples. Returns `Some` if its hit is over. The inner option has the outcome.
-    /// It is `None` if the lane has no valid outcome.
+    /// Checks a lane after `samples` more samples. Returns `None` if the lane's hit is not over, `Some(None)` if the
+    /// hit is over without a valid outcome, else the outcome.
     fn look(&mut self, lane: usize, samples: u32) -> Option<Option<Outcome>> {
         let running = self.running[lane].as_mut()?;
         running.samples += samples;

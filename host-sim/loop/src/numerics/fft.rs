@@ -38,7 +38,7 @@ pub fn forward(signal: &[Complex<f64>]) -> Vec<Complex<f64>> {
 /// The spectrum of a real signal, padded with zeros to a power of two. The tables are made only once, to save time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RealSpectrum {
-    /// Tables for a complex signal of half the length. Each complex sample holds two real samples.
+    /// Tables for a complex signal of half the length. Each complex sample contains two real samples.
     table: Table,
 }
 

@@ -77,8 +77,8 @@ mod tests {
 
     #[test]
     fn the_threshold_is_that_of_the_t_distribution() {
-        // Both have equal spread and four repeats: 6 degrees of freedom, t(95 %) = 1.9432. The squared error of each
-        // mean is 1/12, the squared error of their difference 1/6.
+        // Both results have equal spread and four repeats: 6 degrees of freedom, t(95 %) = 1.9432. The squared error of
+        // each mean is 1/12, the squared error of their difference 1/6.
         let around = |mean: f64| Repeats::of([-0.5, 0.5, -0.5, 0.5].map(|d| mean + d).into_iter());
         let spread = around(0.0).squared_error;
         assert!((spread - 1.0 / 12.0).abs() < 1e-12, "{spread}");

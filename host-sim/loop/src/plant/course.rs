@@ -36,7 +36,7 @@ pub struct Span {
     /// Index of the sample in which a second command takes effect. The index is beyond the run if there is no second
     /// command.
     pub arrival: usize,
-    /// The second command, N. It takes effect in sample `arrival`.
+    /// The second command, N, which takes effect in sample `arrival`.
     pub arriving_n: f64,
     pub encoder: Quantiser,
 }

@@ -56,8 +56,8 @@ pub trait Plant: Clone {
     fn force_n(&self, _state: &Self::State, output_n: f64) -> f64 {
         output_n
     }
-    /// Position that the encoder reads for a sample, m, before quantisation. It differs from the true position if the
-    /// encoder reads late or has errors.
+    /// Position that the encoder reads for a sample, m, before quantisation. The reading differs from the true position
+    /// if the encoder reads late or has errors.
     #[inline]
     fn reading_m(&self, state: &Self::State, _moment: &Moment) -> f64 {
         self.position_m(state)

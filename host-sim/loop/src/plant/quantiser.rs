@@ -15,7 +15,7 @@ pub struct Quantiser {
     above: f64,
 }
 
-/// This constant is added to a number in the range of `i32`. The low 52 bits of the sum are the number plus 2^31, in
+/// Constant that is added to a number in the range of `i32`. The low 52 bits of the sum are the number plus 2^31, in
 /// units of 2^-20.
 const ABOVE: f64 = 1.5 * (1u64 << 32) as f64;
 const FRACTION_BITS: u32 = 20;
@@ -60,7 +60,7 @@ impl Quantiser {
     }
 }
 
-/// This constant is added to a number below 2^51. The low bits of the sum are then the nearest integer.
+/// Constant that is added to a number below 2^51. The low bits of the sum are then the integer nearest to the number.
 pub(crate) const INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
 
 /// The largest integer not above `value`, saturated to the range of `i32`. The sum with `INTEGER` gives the nearest

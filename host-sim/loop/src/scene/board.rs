@@ -313,7 +313,7 @@ impl Scene {
         OnBoard { safety: settings, calibration, duty, current, back, signs, guessed: keys.0 }
     }
 
-    /// Checks the tables for a board. A scene without these tables need not suit a board.
+    /// Checks the tables for a board. A table that the scene does not have is not checked.
     pub(super) fn check_board(&self) -> Result<(), String> {
         let Self { board, safety, motor, back, .. } = self;
         if let Some(board) = board {

@@ -29,7 +29,7 @@ impl Scene {
         within(&format!("{first}_high_m"), safety.travel_high_m, high)
     }
 
-    /// Mass and damping of the heaviest handle must be at least those of the device alone.
+    /// Mass and damping of the heaviest handle must be at least the mass and the damping of the device alone.
     fn heaviest_fits(&self) -> Result<(), String> {
         let (safety, device) = (self.on_board().safety, &self.device);
         let mass_kg = device.mass_kg + self.mode.map_or(0.0, |mode| mode.mass_kg);

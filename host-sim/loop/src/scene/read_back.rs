@@ -42,7 +42,7 @@ pub fn device(words: &[u32]) -> Result<Device<'_>, Error> {
         .map_err(|bad| Error::Input(format!("no device record: {bad}{}", help(&bad))))
 }
 
-/// Remedy for an error in a record. It follows the text of the error.
+/// Remedy for an error in a record, to be printed after the text of the error.
 fn help(bad: &BadRecord) -> String {
     let anew = "; make it anew: cargo sim prepare, with the scene that it was made of";
     match *bad {

@@ -1,4 +1,4 @@
-//! `[rotary]`: a rotary device. It replaces `[device]`, `encoder.resolution_m` and `actuator.gain_n_per_v`.
+//! `[rotary]`: a rotary device. The table replaces `[device]`, `encoder.resolution_m` and `actuator.gain_n_per_v`.
 //!
 //! Let r be the radius at which the hand holds the handle, and N the motor turns per turn of the handle. At the handle
 //! the values are:
@@ -78,7 +78,7 @@ pub enum DriveKind {
     Voltage,
 }
 
-/// Tables of a hand, a sensor at the handle or an estimator. They are in m and N in every scene.
+/// Tables of a hand, a sensor at the handle or an estimator. Their values are in m and N in every scene.
 pub(super) const LINEAR_TABLES: [&str; 6] =
     ["arm", "arms", "accelerometer", "passivity", "velocity", "designs"];
 

@@ -162,7 +162,7 @@ impl WallHit {
         self.force_rms_limit_n.unwrap_or(quiet::FORCE_SHARE * self.push_n.abs())
     }
 
-    /// The same hit with the push multiplied by `share`. The limits stay those of the original push.
+    /// The same hit with the push multiplied by `share`. The limits stay the same as for the original push.
     pub(crate) fn with_push(&self, share: f64) -> Self {
         let force_rms_limit_n = Some(self.force_rms_limit_n());
         Self { push_n: share * self.push_n, force_rms_limit_n, ..self.clone() }

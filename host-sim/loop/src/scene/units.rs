@@ -181,8 +181,8 @@ impl Units {
         format!("{} {unit}", rounded(at_handle * factor, DIGITS_READ))
     }
 
-    /// Converts the numbers of a text to these units. It finds the forms `NUMBER UNIT`, `NUMBER to NUMBER UNIT`,
-    /// `NUMBER +- NUMBER UNIT`, and `KEY is NUMBER, allowed NUMBER to NUMBER`.
+    /// Converts the numbers of a text to these units. The function finds the forms `NUMBER UNIT`,
+    /// `NUMBER to NUMBER UNIT`, `NUMBER +- NUMBER UNIT`, and `KEY is NUMBER, allowed NUMBER to NUMBER`.
     pub fn text(self, text: &str) -> String {
         if !self.is_rotary() {
             return text.to_owned();

@@ -25,7 +25,7 @@ enum Member {
     Number(u32),
 }
 
-/// Families: estimators that share a name in scenes. Each estimator has a key and a value that select it.
+/// Families: estimators that share a name in scenes. A key and a value select an estimator of the family.
 const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
     (EstimatorName::Butterworth, "butterworth", "prewarp", Member::Flag(false)),
     (EstimatorName::ButterworthPrewarped, "butterworth", "prewarp", Member::Flag(true)),

@@ -32,7 +32,7 @@ use crate::{
 /// The parts of the loop that stay constant during a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Parts<P> {
-    /// The plant. Its step is split when a command takes effect.
+    /// The plant, whose step is split when a command takes effect.
     pub plant: P,
     pub encoder: Quantiser,
     /// Force at full command, N.

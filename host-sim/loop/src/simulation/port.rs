@@ -32,7 +32,7 @@ pub struct PortReport {
     pub given_j: f64,
     /// Outputs that the passivity controller changed, as a fraction of the outputs in contact.
     pub limited_fraction: f64,
-    /// Withheld force as a fraction of the wall's force. Both are summed over the outputs in contact.
+    /// Withheld force as a fraction of the wall's force. Both forces are summed over the outputs in contact.
     pub withheld_fraction: f64,
 }
 

@@ -1,7 +1,8 @@
 //! Inputs of the controller beside the count (senses): commanded force, acceleration, edge times.
 //!
-//! Few estimators use these inputs. So a run is compiled in two forms: without these inputs ([`Blind`]) and with them
-//! ([`Full`]). The prepared scene selects one form per run. Only the input that the hit's estimator uses is computed.
+//! Few estimators use these inputs. So a run is compiled in two forms: without these inputs ([`Blind`]) and with these
+//! inputs ([`Full`]). The prepared scene selects one form per run. Only the input that the hit's estimator uses is
+//! computed.
 
 use zwidth::{
     units::Force,

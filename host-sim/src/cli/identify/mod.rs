@@ -31,7 +31,7 @@ pub struct IdentifyArgs {
     /// current. Several records of one device are fitted at once.
     #[arg(required_unless_present = "plan", value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Scene that gives encoder, voltage limit, latency, sample rate, and all other keys of a scene.
+    /// Scene with encoder, voltage limit, latency, sample rate, and all other keys of a scene.
     #[arg(long, value_name = "SCENE", default_value = "paper-1um")]
     base: String,
     #[command(flatten)]

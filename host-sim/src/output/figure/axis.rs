@@ -57,7 +57,7 @@ impl Ticks {
         ticks
     }
 
-    /// The axis for data that is 0 everywhere. It has one tick.
+    /// The axis for data that is 0 everywhere, with one tick.
     pub(super) fn nothing() -> Self {
         Self { values: vec![0.0], decimals: 0, low: 0.0, high: 1.0 }
     }

@@ -52,7 +52,7 @@ pub struct TracePlot {
     pub settle_s: f64,
     pub window_s: f64,
     pub rms_limit_m: f64,
-    /// `stable`, `unstable` or `no contact`. It is printed unchanged.
+    /// `stable`, `unstable` or `no contact`, printed unchanged.
     pub verdict: String,
     /// RMS of the position about its mean in the window.
     pub rms_m: f64,

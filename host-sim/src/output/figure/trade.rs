@@ -40,7 +40,8 @@ pub enum Mark {
     Diamond,
 }
 
-/// Colours of Okabe and Ito, without yellow. They can be distinguished with every common colour vision deficiency.
+/// Colours of Okabe and Ito, without yellow. The colours can be distinguished with every common colour vision
+/// deficiency.
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 90, 150),
     RGBColor(213, 94, 0),

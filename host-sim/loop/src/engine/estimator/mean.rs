@@ -23,7 +23,7 @@ pub struct Mean<S: SimdOps> {
 
 /// Length of the ring: a power of two, at least the longest window.
 const LENGTH: usize = 256;
-/// Number of last bits in the factor's second part. Both parts are below 2^31.
+/// Number of bits in the second part of the factor. Both parts of the factor are below 2^31.
 const LAST: u32 = 16;
 
 impl<S: SimdOps> VectorForm<S> for Mean<S> {

@@ -75,7 +75,7 @@ impl Form {
     }
 }
 
-/// Inputs of an estimator beside the counts. They are the same in all hits of a scene.
+/// Inputs of an estimator beside the counts. All hits of a scene have the same inputs.
 #[derive(Clone, Copy)]
 pub struct Beside<'a> {
     /// Samples from the grant of a force until the estimator gets this force.

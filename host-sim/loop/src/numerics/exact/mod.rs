@@ -133,8 +133,8 @@ const TAYLOR_TERMS: u32 = 19;
 
 /// One exact step of `z' = A z + b u` over `dt` seconds, with constant u. Returns (phi, gamma).
 ///
-/// The function sums a series for the short step `h = dt / 2^n`. Then it doubles the step n times. It computes with
-/// `phi - 1` and the mean of `exp(A t)` over the step, because `phi - 1` keeps the digits of slow states.
+/// The function sums a series for the short step `h = dt / 2^n`. Then the step is doubled n times. The function
+/// computes with `phi - 1` and the mean of `exp(A t)` over the step, because `phi - 1` keeps the digits of slow states.
 ///
 /// The error grows as `|A| dt` times the rounding error of f64, with |A| in the best units. The number of halvings
 /// follows from A's largest cycle: the largest geometric mean of the entries around a loop of states. A change of units
@@ -181,7 +181,8 @@ pub fn discretise_increment<const N: usize>(
 }
 
 /// Number of halvings of dt until `|A h|` is at most [`TAYLOR_LIMIT`], in the units that balance A best. In these units
-/// the largest entry is the largest cycle mean (a theorem of max-plus algebra). The norm is at most N times this entry.
+/// the largest entry of A is the largest cycle mean (a theorem of max-plus algebra). The norm of A is at most N times
+/// the largest entry.
 fn halvings<const N: usize>(a: &SMatrix<f64, N, N>, dt: f64) -> i32 {
     let mut walks = a.abs(); // largest product of entries along `length` steps between two states
     let mut cycle = walks.diagonal().max();

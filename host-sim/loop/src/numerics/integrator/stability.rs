@@ -15,7 +15,7 @@
 //! ```text
 //! 4 M - 2 h D - h^2 K   is positive definite
 //! ```
-//! and unstable otherwise. This matrix is the matrix of the equation at g = -1. For g towards minus infinity the
+//! and unstable otherwise. This matrix is the matrix of the equation in g, at g = -1. For g towards minus infinity the
 //! equation's matrix is positive definite. So if the matrix is not positive definite at g = -1, the equation has a real
 //! root g <= -1. More stiffness or damping needs shorter steps. Nothing acts back on the amplifier, so the amplifier
 //! only needs `h pole < 2`.

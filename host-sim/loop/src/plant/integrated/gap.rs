@@ -309,7 +309,8 @@ mod tests {
         }
     }
 
-    /// Energy of both bodies, the device's spring and the transmission. It includes the energy of a relaxing stretch.
+    /// Energy of both bodies, the device's spring and the transmission. The sum includes the energy of a relaxing
+    /// stretch.
     #[test]
     fn energy_never_grows() {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 0.0, ..DEVICE };

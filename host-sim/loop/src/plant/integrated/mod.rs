@@ -425,7 +425,7 @@ fn even_step(steps_per_sample: u32, sample_s: f64, left_s: f64) -> f64 {
     left_s / libm::ceil(steps - 1e-9).max(1.0)
 }
 
-/// Lengths of all steps of a sample. They are computed once, because a division takes longer than a step.
+/// Lengths of all steps of a sample. The lengths are computed once, because a division takes longer than a step.
 fn even_steps(integrator: &Integrator, sample_s: f64) -> Arc<[f64]> {
     let (Integrator::SemiImplicitEuler { steps_per_sample } | Integrator::Rk4 { steps_per_sample }) =
         *integrator

@@ -31,7 +31,7 @@ pub(super) enum Stop {
     Clear,
     /// The device is beyond the end, and the stop's spring and damper push it.
     Pushing(End),
-    /// The device is beyond the end. It moves back faster than the stop can follow, so the stop does not push.
+    /// The device is beyond the end, and moves back faster than the stop can follow. So the stop does not push.
     Parting(End),
 }
 
@@ -66,7 +66,7 @@ pub(super) enum Event {
 pub(super) const GUARDS: usize = 4;
 
 impl<const N: usize> IntegratedStep<N> {
-    /// Sum of all forces on the device except those of friction and rigid stops, N.
+    /// Sum of all forces on the device except friction and the forces of rigid stops, N.
     fn pull_n(&self, state: &HybridState<N>, force_n: f64) -> f64 {
         let smooth = self.linear(force_n, state.regime.play).rate(&state.z)[1] * self.mass_kg;
         smooth + self.position_force_n(&state.z, state.regime.stop)
@@ -110,7 +110,7 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     /// The guards of a regime that has lasted `elapsed_s`. A negative guard ends the regime. An unused guard is
-    /// infinite. Guards have different units and are never compared with each other.
+    /// infinite. Guards have different units, so two guards are never compared.
     pub(super) fn guards(
         &self,
         regime: Regime,

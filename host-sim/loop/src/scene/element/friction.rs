@@ -41,7 +41,7 @@ impl Friction {
         self.coulomb_n + beyond * libm::exp(-ratio * ratio)
     }
 
-    /// Steepest decrease of friction with speed, N s/m. It occurs at 1/sqrt(2) of the Stribeck speed.
+    /// Steepest decrease of friction with speed, N s/m. The slope is steepest at 1/sqrt(2) of the Stribeck speed.
     pub fn steepest_n_s_per_m(&self) -> f64 {
         let steepest = core::f64::consts::SQRT_2 * libm::exp(-0.5);
         (self.static_n - self.coulomb_n) / self.stribeck_speed_m_per_s * steepest

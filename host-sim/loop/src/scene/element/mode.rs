@@ -1,7 +1,7 @@
 //! Second vibration mode: a mass coupled to the device by a spring and a damper.
 //!
-//! The device's mass carries motor and encoder. The second mass is behind the transmission, and the hand holds it. Let
-//! x be the position of the device, and y the position of the second mass:
+//! The device's mass carries motor and encoder. The second mass is behind the transmission, and the hand holds this
+//! mass. Let x be the position of the device, and y the position of the second mass:
 //! ```text
 //! m y'' = -k (y - x) - b (y' - x')        and the opposite force on the device
 //! ```

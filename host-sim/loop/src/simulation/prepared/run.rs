@@ -137,7 +137,7 @@ impl PreparedScene {
         }
     }
 
-    /// Whether the scene has a passivity controller or a varying push. Such scenes are rare.
+    /// Whether the scene is rare: it has a passivity controller or a varying push.
     fn is_rare(&self) -> bool {
         self.passivity.is_some() || self.scene.wall_hit.protocol.varies()
     }

@@ -1,4 +1,4 @@
-//! The equations of all estimators. The twin runs them, and linear theory uses their frequency responses.
+//! The equations of all estimators. The twin runs these equations, and linear theory uses their frequency responses.
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
@@ -10,7 +10,7 @@ use zwidth::{
 
 use super::{foaw::Foaw, levant::Levant};
 
-/// The equation of an estimator, from differences of counts to a velocity. It has no state.
+/// The equation of an estimator, from differences of counts to a velocity; without the state.
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::large_enum_variant, reason = "copied once per run")]
 pub enum Equation {
