@@ -2,7 +2,7 @@
 
 use std::{borrow::Cow, fmt, io, path::PathBuf};
 
-/// Exit code of a command interrupted by Ctrl-C, as a shell reports it.
+/// Exit code of a command interrupted by Ctrl-C, the same as a shell reports.
 pub const INTERRUPTED: u8 = 130;
 
 /// Reason why a command ended without a result.

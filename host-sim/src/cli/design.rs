@@ -25,10 +25,9 @@ use crate::{
 /// Designs a velocity filter for a device: one or two biquads after the finite difference, in the core's fixed point.
 /// Poles, lead and second zero are chosen for the worst of several pushes, arms and limits.
 ///
-/// First there is a global search. Then the best filters below several gain peaks are walked again. The result gives
-/// the areas in the worst condition. In each condition the area is divided by that of a Butterworth low-pass at its
-/// best cutoff of [sweep]. The smallest quotient belongs to the worst condition. A scene uses the result with estimator
-/// = "biquad" or "biquad-2".
+/// A global search comes first. Then the boundaries of the best filters below several gain peaks are walked again. The
+/// result gives the areas in the worst condition. In the worst condition, the area divided by the area of a Butterworth
+/// low-pass at its best cutoff of [sweep] is smallest. A scene uses the result with estimator = "biquad" or "biquad-2".
 #[derive(Debug, Args)]
 pub struct DesignArgs {
     /// Built-in scene or scene file. The scene's estimator is not used.

@@ -164,8 +164,8 @@ impl LimitArgs {
         }))
     }
 
-    /// The limits of `--levers`: the user's limits. If the user gave no limits, they are quiet walls and the scene's
-    /// limit.
+    /// The limits of `--levers`: the user's limits. If the user gave no limits, quiet walls and the scene's limit are
+    /// used.
     pub fn of_levers(&self, scene: &Scene) -> Result<Vec<Limit>, Error> {
         let asked = self.question(scene, &[], 1)?.map(|question| question.limits);
         let quiet = Asked::Quiet.of(scene);

@@ -63,7 +63,7 @@ struct Json<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     passivity_left_out: Option<&'a [&'static str]>,
     rows: Vec<&'a Row>,
-    /// The simulated boundary. Empty if the user has not asked for it.
+    /// The simulated boundary. Empty if the user has not asked for this boundary.
     simulated: Vec<SimulatedRow>,
 }
 
@@ -109,7 +109,7 @@ const POINTS_MAX: usize = 1_000_000;
 struct Analysis {
     cutoff_hz: f64,
     rows: Vec<Row>,
-    /// Empty if the user has not asked for it.
+    /// Empty if the user has not asked for passive walls.
     passive_region: Vec<BoundaryPoint>,
     simulated: Vec<Explained>,
 }
@@ -161,7 +161,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// Parts of a scene that the passivity condition leaves out. The condition is for a damped mass.
+/// Parts of a scene that the passivity condition leaves out. The condition is valid for a damped mass.
 fn passivity_left_out(scene: &scene::Scene, multirate: bool) -> Vec<&'static str> {
     let linear = [
         ("actuator.period", !multirate && scene.actuator.period > 1),

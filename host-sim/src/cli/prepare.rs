@@ -32,9 +32,9 @@ use crate::{
 
 /// Makes the device record of a scene. With this record, the image of a board becomes the firmware of the device.
 ///
-/// Makes all checks of the board, computes the envelope of walls that are predicted to be stable, and prints the
-/// board's settings. The record is a separate file. ZWIDTH_DEVICE=FILE cargo flash builds the file in, cargo board ..
-/// --device FILE uses it, or it is programmed alone.
+/// The command makes all checks of the board, computes the envelope of walls that are predicted to be stable, and
+/// prints the board's settings. The record is a separate file. ZWIDTH_DEVICE=FILE cargo flash builds the record into
+/// the image. The record can also be programmed alone, or be given to cargo board with --device FILE.
 #[derive(Debug, Args)]
 pub struct PrepareArgs {
     /// Built-in scene or scene file. The scene's name becomes the device's name.

@@ -30,7 +30,7 @@ pub(super) struct Traces {
 
 static TRACES: Mutex<Traces> = Mutex::new(Traces { files: vec![], folders: vec![] });
 
-/// Locks the traces. While they are locked, a signal cannot end the process.
+/// Locks the traces. While the traces are locked, a signal cannot end the process.
 pub(super) fn traces() -> MutexGuard<'static, Traces> {
     TRACES.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -26,7 +26,7 @@ use crate::{
 const CSV: &str = ".csv";
 const PARQUET: &str = ".parquet";
 
-/// Name of the file that is written last. If it exists, the result is complete.
+/// Name of the file that is written last. If this file exists, the result is complete.
 pub const MANIFEST: &str = "manifest.json";
 
 #[derive(Debug)]
@@ -70,7 +70,7 @@ struct Folder {
     /// Names of all files that a result may have.
     possible: Vec<String>,
     manifest: Place,
-    /// Text of the manifest. The tables in `tables` also contain it.
+    /// Text of the manifest. The tables in `tables` also contain this text.
     told: String,
     tables: Vec<Place>,
 }
@@ -341,9 +341,9 @@ impl Outputs {
         }
     }
 
-    /// Moves all written files to their paths, or none. In a result folder, the older manifest is removed first, with
-    /// the older files that the new result does not have. The new manifest is moved last. So a folder with a manifest
-    /// always has one complete result.
+    /// Moves all written files to their paths, or none. In a result folder, the older manifest is removed first,
+    /// together with older files that are not in the new result. The new manifest is moved last. So a folder with a
+    /// manifest always has one complete result.
     ///
     /// # Errors
     /// [`Error::File`] on a full disk, or if a folder was changed by another program. [`Error::Input`] in the cases of
@@ -437,7 +437,7 @@ pub(super) fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// Makes renames permanent, even after a power failure, if the system supports it.
+/// Makes renames permanent, even after a power failure, if the system supports this.
 pub(super) fn sync_folder(folder: &Path) {
     if let Ok(folder) = File::open(folder) {
         let _ = folder.sync_all(); // some file systems do not support this call

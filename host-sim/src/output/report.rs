@@ -41,7 +41,7 @@ pub struct Report {
     pub ideal_cutoff_hz: Option<f64>,
     /// First and last nominal cutoff that the repeats cannot distinguish from the ideal cutoff.
     pub ideal_cutoff_range_hz: Option<[f64; 2]>,
-    /// The recommended cutoff. If it is absent, the ideal cutoff is the answer.
+    /// The recommended cutoff. Without a recommended cutoff, the ideal cutoff is the answer.
     pub answer: Option<String>,
     pub figures: Vec<ReportFigure>,
     pub units: Units,

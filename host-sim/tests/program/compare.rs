@@ -229,7 +229,8 @@ fn the_terminal_gets_tables_of_at_most_120_columns_with_what_each_estimator_need
     let words = text.split_whitespace().collect::<Vec<_>>().join(" ");
     let stars = text.matches('*').count() - 1; // one star is in the heading
     assert!(stars > 0 && stars == words.matches("is an end of its range").count(), "{text}");
-    // each estimator with one parameter has the same number of tunings; with two parameters it has four times as many
+    // each estimator with one parameter has the same number of tunings; an estimator with two parameters has four times
+    // as many
     let tuning =
         fs::read_to_string(folder.path().join("zwidth-out/coarse/compare/tuning.csv")).unwrap();
     for (name, most) in

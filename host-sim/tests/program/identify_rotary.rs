@@ -14,7 +14,7 @@ const PULSE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/pulse.bin"
 /// Relative tolerance. Results have twelve digits.
 const ROUNDING: f64 = 1e-10;
 
-/// `known.toml` as a rotary scene with a ratio of 2. With `resistance_ohm` it has a voltage amplifier.
+/// `known.toml` as a rotary scene with a ratio of 2. With `resistance_ohm` the scene has a voltage amplifier.
 fn rotary(resistance_ohm: Option<f64>) -> String {
     let r = RADIUS_M;
     let known: toml::Table = KNOWN.parse().unwrap();

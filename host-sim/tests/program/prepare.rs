@@ -1,4 +1,4 @@
-//! `prepare`: the device records that it makes for the boards' images, and its errors.
+//! `prepare`: the device records for the boards' images, and the errors of the command.
 
 use std::{fs, path::Path};
 

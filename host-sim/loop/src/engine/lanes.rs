@@ -283,8 +283,8 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
             let samples = plain.min(BLOCK_SAMPLES);
             left -= samples;
             self.actuation.phase += samples;
-            // A block ends with a sample that has an output or an arriving command, unless the chunk ends before this
-            // sample.
+            // If a block reaches an event (an output, an arriving command) within the chunk, the sample with the event
+            // is the last sample of the block.
             let event = samples == plain && left > 0;
             let Some(block) = buffer.get_mut(..=samples as usize) else { return };
             let end = samples as usize + usize::from(event);

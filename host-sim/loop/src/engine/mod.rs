@@ -1,5 +1,5 @@
-//! Many wall hits side by side, one in each lane of a vector. The results are the same as those of the scalar loop, bit
-//! for bit.
+//! Many wall hits side by side, one in each lane of a vector. The results are the same as in the scalar loop, bit for
+//! bit.
 //!
 //! # What a lane is
 //! A lane contains one hit: plant, encoder, controller, commands that have not taken effect yet, and sums of the

@@ -309,7 +309,7 @@ fn soonest(running: &[Option<Running<'_>>], plan: &HitPlan, watches: bool) -> Op
 }
 
 impl Running<'_> {
-    /// Begins the window with this first count.
+    /// Begins the window. `count` is its first count.
     fn open_window(&mut self, count: f64) {
         #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^30")]
         let count = count as i32;

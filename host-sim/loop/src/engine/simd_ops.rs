@@ -73,7 +73,7 @@ pub trait SimdOps: Simd {
         self.masked(a, self.splat_u64s(!SIGN))
     }
 
-    /// `a` if it is larger, else `b`. Zeros of different sign count as equal, as on x86.
+    /// `a` if it is larger, else `b`. Zeros of different sign are equal, as on x86.
     #[inline(always)]
     fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
         self.choose(self.greater_than_f64s(a, b), a, b)

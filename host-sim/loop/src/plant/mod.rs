@@ -1,7 +1,7 @@
 //! The device, advanced exactly: `m x'' + b x' + k (x - x0) = F`. F is constant, or changes once in a sample.
 //!
-//! The state s is `(x - x0, x')`. After a time t under a constant force F, it is `phi(t) s + gamma(t) F`. A step covers
-//! the sample time T. If the force changes from F1 to F2 at `fraction` of the sample, the next state is
+//! The state s is `(x - x0, x')`. After a time t under a constant force F, the state is `phi(t) s + gamma(t) F`. A step
+//! covers the sample time T. If the force changes from F1 to F2 at `fraction` of the sample, the next state is
 //!
 //! ```text
 //! phi(T) s + before F1 + after F2

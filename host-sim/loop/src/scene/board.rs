@@ -22,7 +22,7 @@ use crate::scene::element::Travel;
 pub struct BoardTable {
     /// `nucleo-f446re` or `discovery-f407`.
     pub name: String,
-    /// Cutoff of a board without saved settings. The envelope has the walls of this cutoff. Absent:
+    /// Cutoff of a board without saved settings. The envelope contains the walls of this cutoff. Absent:
     /// `velocity.cutoff_hz`, else the cutoff that quiet walls recommend.
     pub cutoff_hz: Option<f64>,
     /// Name of the active design of a board without saved settings. Absent: the first estimator is active.
@@ -93,7 +93,7 @@ pub struct MotorTable {
 }
 
 impl MotorTable {
-    /// Checks that the scene has either both keys or none of them. The firmware would read an absent key as 0.
+    /// Checks that the scene has either both keys or neither key. The firmware would read an absent key as 0.
     fn check_current(&self) -> Result<(), String> {
         let (rest, full) = ("motor.current_sense_rest", "motor.current_sense_full");
         let (missing, key, value) = match (self.current_sense_rest, self.current_sense_full) {
@@ -183,7 +183,7 @@ impl Keys {
     }
 }
 
-/// Full scale of the paper's device, N. Guesses are scaled from it.
+/// Full scale of the paper's device, N. Guesses are scaled from this force.
 const PAPER_FULL_SCALE_N: f64 = 5.906;
 /// Part of the free handle's motion that the sign test must detect.
 const SIGN_PART: f64 = 0.22;
@@ -390,8 +390,8 @@ impl BoardTable {
             let most = Name::LEN;
             return Err(format!("board.name is `{}`, allowed 1 to {most} bytes", self.name));
         }
-        // Without `board.estimators`, the only estimator is that of the scene. `prepare` checks it for the board; any
-        // estimator is allowed here.
+        // Without `board.estimators`, the only estimator is the scene's estimator. Any such estimator is accepted here,
+        // because `prepare` checks it for the board.
         let estimators = match self.estimators.is_empty() {
             true => vec![scene.velocity.estimator()],
             false => scene.board_estimators()?,

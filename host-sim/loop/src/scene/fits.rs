@@ -1,5 +1,6 @@
-//! Checks the tables for a board against the device. With wrong values the board cannot arm, or a fault always or never
-//! occurs. The core checks each value alone; only the scene has mass and stops. `prepare` reports the errors.
+//! Checks the tables for a board against the device. If a value is wrong, the board cannot arm, or a fault always
+//! occurs, or a fault never occurs. The core checks each value alone; only the scene has mass and stops. `prepare`
+//! reports the errors.
 
 use zwidth::safety::SafetySettings;
 

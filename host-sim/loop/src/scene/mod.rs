@@ -212,7 +212,7 @@ impl NamedScene {
         Ok(table)
     }
 
-    /// The scene from these keys. Error messages name the key, because there is no line.
+    /// The scene from these keys. Error messages name the key, because there is no line number.
     ///
     /// # Errors
     /// The errors of [`parse`](Self::parse).

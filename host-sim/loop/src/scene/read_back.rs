@@ -35,7 +35,8 @@ pub fn device(words: &[u32]) -> Result<Device<'_>, Error> {
     let name = words.get(BOARD_AT / 4..BOARD_AT / 4 + Name::LEN / 4).unwrap_or_default();
     let bytes: Vec<u8> = name.iter().flat_map(|word| word.to_le_bytes()).collect();
     let text = String::from_utf8_lossy(&bytes);
-    // The board's name is only needed for a valid record. For another file, the error is the same with every board.
+    // The board's name is only needed for a valid record. For a file that is not a valid record, every board gives the
+    // same error.
     let board =
         board_facts(text.trim_end_matches('\0')).or_else(|_| board_facts("nucleo-f446re"))?;
     Device::from_record(words, &board)

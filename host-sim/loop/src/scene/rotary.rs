@@ -14,7 +14,7 @@
 //! With a voltage amplifier the back-EMF, k_t N omega, reduces the force at speed. This loss of force acts as damping:
 //! the term with k_t^2 / R in b. With a current amplifier the term is absent.
 //!
-//! Inductance is left out: L / R is about 0.1 ms in motors of this size. `[amplifier]` can model it.
+//! Inductance is left out: L / R is about 0.1 ms in motors of this size. `[amplifier]` can model the inductance.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -113,7 +113,7 @@ pub struct WallHit {
     pub settle_s: f64,
     /// Time of the window, which is judged; 1 to 2^24 samples, with `felt` 0.5 s to 2^17 samples.
     pub window_s: f64,
-    /// With `rms`, a wall is stable if its RMS is below this limit; 0.001 to 65535 counts.
+    /// With `rms`, a wall is stable if the RMS is below this limit; 0.001 to 65535 counts.
     pub rms_limit_m: f64,
     /// Signal of the RMS. Absent: `motion` with the criterion `quiet`, else `counts`.
     pub rms_of: Option<RmsOf>,
@@ -276,7 +276,7 @@ fn is_zero(value: &f64) -> bool {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum PushBy {
-    /// The motor pushes, and the wall uses the same motor: both share its range.
+    /// The motor pushes, and the wall uses the same motor. Push and wall share the motor's range.
     #[default]
     Motor,
     /// A hand pushes with a constant force on the last body of the chain: the handle, or the arm if there is one.

@@ -175,7 +175,7 @@ impl Units {
         }
     }
 
-    /// A value at the handle as text for people, with four digits and its unit. `unit` is the linear unit.
+    /// A value at the handle as text for people, with four digits and with its unit. `unit` is the linear unit.
     pub fn said(self, at_handle: f64, unit: &'static str) -> String {
         let (unit, factor) = self.written(unit);
         format!("{} {unit}", rounded(at_handle * factor, DIGITS_READ))

@@ -1,7 +1,8 @@
 //! The velocity filter of a scene: `[velocity]` and `[designs.NAME]` for the core's table of estimators.
 //!
 //! Names and keys are the same as in the core's table, with one exception: an estimator's frequency, usually its
-//! cutoff, always has the key `cutoff_hz`. If the scene has no cutoff, the command line or `[sweep]` gives it.
+//! cutoff, always has the key `cutoff_hz`. If the scene has no cutoff, the cutoff comes from the command line or from
+//! `[sweep]`.
 
 use std::{borrow::Cow, fmt};
 
@@ -82,7 +83,7 @@ pub struct VelocityTable {
     estimator: EstimatorName,
     /// Values by parameter index. `None` if the parameter is not used, or the scene has no cutoff.
     numbers: [Option<f64>; PARAMETERS],
-    /// Value of the selecting key, if this value selects no estimator. [`check`](Self::check) reports it.
+    /// Value of the selecting key, if this value selects no estimator. [`check`](Self::check) reports this value.
     stranger: Option<u32>,
 }
 

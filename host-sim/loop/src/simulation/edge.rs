@@ -1,8 +1,8 @@
 //! Time at which the handle crossed the border between two counts. The path of the handle is the cubic through the
 //! positions and speeds at both ends of a sample.
 
-/// The last crossing into the count of the sample's end: its time within the sample (0 to 1), and whether it was
-/// upwards. `None` without a crossing. Positions are in counts, speeds in counts per sample.
+/// The last crossing into the count of the sample's end: the time of the crossing within the sample (0 to 1), and
+/// whether the crossing was upwards. `None` without a crossing. Positions are in counts, speeds in counts per sample.
 pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> {
     let cell = x1.floor();
     // x(t) = x0 + t (v0 + t (b + t a)), its slope v0 + 2 b t + 3 a t^2

@@ -60,10 +60,10 @@ impl Sensing for Blind {
 
 /// The inputs that estimators can use.
 ///
-/// *Force*: the last granted force, after saturation; it stays constant until the next output, as in the firmware
-/// ([`zwidth::safety::GuardedSampler`]). The estimator assumes that the force has acted since the last sample. This
-/// assumption suits our boards, whose latency is below half a sample. With `actuator.latency_known` the estimator gets
-/// the force when the force acts: later by the latency, rounded to whole samples.
+/// *Force*: the last granted force, after saturation; this force stays constant until the next output, as in the
+/// firmware ([`zwidth::safety::GuardedSampler`]). The estimator assumes that the force has acted since the last sample.
+/// This assumption suits our boards, whose latency is below half a sample. With `actuator.latency_known` the estimator
+/// gets the force when the force acts: later by the latency, rounded to whole samples.
 ///
 /// *Acceleration*: the mean over the sample, computed from the speeds. If the scene's accelerometer has a bandwidth, a
 /// first-order low-pass follows. Noise, bias, range and resolution are applied last.
@@ -76,7 +76,7 @@ impl Sensing for Blind {
 /// ([`Scene::feeds`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Full {
-    /// The input that the estimator uses. `None` if it uses only counts.
+    /// The input that the estimator uses beside the counts. `None` if the estimator uses only counts.
     looks_at: Option<Sense>,
     encoder: Quantiser,
     /// Factor from m/s to counts per sample.
@@ -104,7 +104,7 @@ impl Told {
         Self { granted: Force::ZERO, ring: [Force::ZERO; _], samples, next: 0 }
     }
 
-    /// Moves on by one sample. Returns the force that the estimator gets at this sample.
+    /// Moves the ring on by one sample. Returns the force that the estimator gets at this sample.
     fn moved(&mut self) -> Force {
         if self.samples == 0 {
             return self.granted;

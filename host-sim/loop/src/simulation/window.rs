@@ -173,7 +173,7 @@ impl Judge {
         self.felt.is_some()
     }
 
-    /// Measures of a hit's window. `motion` has the positions in the window, if they are needed.
+    /// Measures of a hit's window. `motion` has the positions in the window, if the measures need positions.
     pub fn measures(
         &self,
         hit: &Hit,
@@ -232,8 +232,8 @@ impl Judge {
         if stable { Verdict::Stable } else { Verdict::Unstable }
     }
 
-    /// The verdict before the end of the window, if it is certain; else `None`. With a sensation level, the verdict is
-    /// never certain before the end, because later samples may have more weight.
+    /// The verdict before the end of the window, if the verdict is certain; else `None`. With a sensation level, the
+    /// verdict is never certain before the end, because later samples may have more weight.
     pub fn certain_verdict(&self, hit: &Hit, watch: &Watch, window: u32) -> Option<Verdict> {
         let by_counts = || hit.certain_verdict();
         let moves = || {
@@ -320,7 +320,7 @@ impl Band {
         let hz = |bin: usize| bin as f64 * rate_hz / length;
         let within = |bin: &usize| (from_hz..=to_hz).contains(&hz(*bin));
         let bins: Vec<usize> = (1..spectrum.length() / 2).filter(within).collect();
-        // factor for both halves of the spectrum, divided by the energy of the window function
+        // 2 for both halves of the spectrum, divided by the energy of the window function
         let energy: f64 = window.iter().map(|w| w * w).sum();
         let per_power = 2.0 / (length * energy);
         let weights = bins.iter().map(|bin| per_power * weight(hz(*bin))).collect();

@@ -132,14 +132,14 @@ impl TermArgs {
 /// Options that give the force per volt. Only one way may be used.
 #[derive(Debug, Args)]
 struct GainArgs {
-    /// Force per volt, N/V. Rotary base scene: N m/V [default: from its [rotary]]. Log with a current: per ampere. Log
-    /// with a force: leave this out.
+    /// Force per volt, N/V. With a rotary base scene: N m/V [default: from its [rotary]]. For a log with a current:
+    /// force per ampere. For a log with a force: leave this out.
     #[arg(long, value_name = "N_PER_V", allow_negative_numbers = true, conflicts_with_all = ["torque_constant", "amplifier_gain", "drum_radius", "calibration_mass", "calibration_voltage", "added_mass"])]
     gain: Option<f64>,
     /// k_t in gain = k_t k_amp / r_c, N m/A.
     #[arg(long, value_name = "N_M_PER_A", allow_negative_numbers = true, requires = "drum_radius", conflicts_with_all = ["calibration_mass", "calibration_voltage", "added_mass"])]
     torque_constant: Option<f64>,
-    /// k_amp in gain = k_t k_amp / r_c, A/V. Log with a current: leave this out.
+    /// k_amp in gain = k_t k_amp / r_c, A/V. For a log with a current: leave this out.
     #[arg(
         long,
         value_name = "A_PER_V",
@@ -231,7 +231,7 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// The result, with the scene made from it, in the units and keys of the scene's file.
+/// The result, and the scene made from the result, in the units and keys of the scene's file.
 #[derive(Serialize)]
 struct WithScene<'a> {
     #[serde(flatten)]

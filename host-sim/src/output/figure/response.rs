@@ -28,7 +28,7 @@ const FEW_Y_TICKS: usize = 5;
 const VOLTAGE_PAD: f64 = 0.15;
 
 /// Width of the measured line. The measured line is wide and the modelled line is thin, so both lines are visible where
-/// they agree.
+/// the positions agree.
 const MEASURED_WIDTH: f64 = 3.2;
 const MODEL_WIDTH: f64 = 1.1;
 const RESIDUAL_WIDTH: f64 = 0.5;

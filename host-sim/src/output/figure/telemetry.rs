@@ -30,11 +30,11 @@ const BAR_OPACITY: f64 = 0.75;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TelemetryPoint {
-    /// Time; it must increase.
+    /// Time. The time must increase from record to record.
     pub time: f64,
     /// Position, velocity and force, in this order.
     pub values: [f64; PANELS],
-    /// Whether records are missing before this record. Then the line has a gap.
+    /// Whether records are missing before this record. If so, the line has a gap.
     pub after_gap: bool,
     /// The flags that are set: bits of `TelemetryPlot::facts`.
     pub facts: u32,
@@ -93,7 +93,7 @@ fn draw(plot: &TelemetryPlot, page: &Page) -> Result<(), FigureError> {
     draw_facts(page, plot, [from, to])
 }
 
-/// Draws the lines of a panel over time. The panel has this top and height.
+/// Draws the lines of a panel over time. `top` and `height` are those of the panel.
 fn draw_lines(
     page: &Page,
     [from, to]: [f64; 2],

@@ -33,8 +33,8 @@ pub(super) fn write(
     Ok(())
 }
 
-/// A text and its size for a width of at most `limit`. The text is made smaller first. If it is still too wide, the
-/// text is cut, with an ellipsis.
+/// A text and its size for a width of at most `limit`. The text is made smaller first. A text that is still too wide is
+/// cut, with an ellipsis.
 pub(super) fn fit(text: &str, size: f64, limit: f64) -> (String, f64) {
     let natural = width(text, size);
     if natural <= limit {

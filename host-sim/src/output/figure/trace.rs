@@ -210,7 +210,7 @@ fn draw_window(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
     Ok(())
 }
 
-/// Lowest and highest value. If they are equal, the range is extended, so that the axis has a length.
+/// Lowest and highest value. If the two values are equal, the range is extended, so that the axis has a length.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
         [low.min(value), high.max(value)]

@@ -54,7 +54,8 @@ pub struct Fusion<S: SimdOps> {
     known: [S::u64s; ROWS],
 }
 
-/// Limit of `x - x^` and of the known acceleration: 2^12 counts. After a jump of 2^14 counts, `x - x^` is below 2^47.
+/// Limit of `x - x^` and of the known acceleration: 2^12 counts. After a jump of 2^14 counts, `x - x^` is still below
+/// 2^15 counts, which is the number 2^47.
 const LIMIT: u64 = 1 << 44;
 /// Fractional bits of the velocity and of the disturbance, each minus those of the position. Velocity and disturbance
 /// are below 2^12 counts per sample.

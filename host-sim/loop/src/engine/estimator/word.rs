@@ -35,7 +35,7 @@ impl<S: SimdOps> LaneGain<S> {
         gain.mantissa() == 0 || i32::from(gain.shift()) + LEFT.cast_signed() > 32
     }
 
-    /// Puts a gain into a lane. Lanes must be able to represent it.
+    /// Puts a gain into a lane. Lanes must be able to represent the gain.
     pub fn set(&mut self, place: usize, gain: Gain) {
         let shift = (i32::from(gain.shift()) + LEFT.cast_signed() - 32).max(1).unsigned_abs();
         lanes_mut(&mut self.mantissa)[place] = u64::from(gain.mantissa().unsigned_abs());

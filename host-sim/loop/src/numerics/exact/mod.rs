@@ -20,8 +20,9 @@ use nalgebra::{SMatrix, SVector};
 const SERIES_LIMIT: f64 = 1.0;
 /// Terms of the series. With both poles inside |z| <= 1, |h_n| <= n + 1. The remainder is below 22 / 22! = 2e-20.
 const SERIES_TERMS: u32 = 21;
-/// Limit of slow pole times dt. Below the limit, gamma1 is a divided difference. The fast pole is then above 0.75, so
-/// the difference keeps its digits. From the limit on, gamma1 is `(1 - phi11) / w^2`, and `1 - phi11` is at least 0.06.
+/// Limit of slow pole times dt. Below the limit, gamma1 is a divided difference. The fast pole times dt is then above
+/// 0.75, so the difference keeps its digits. From the limit on, gamma1 is `(1 - phi11) / w^2`, and `1 - phi11` is at
+/// least 0.06.
 const SLOW_POLE_LIMIT: f64 = 0.25;
 
 /// Increment of one step: `phi - 1` and `gamma`. For a short step phi is near 1, and only the small difference contains

@@ -99,7 +99,8 @@ fn general_step_matches_fifty_digits() {
 
 #[test]
 fn short_steps_keep_every_entry_to_relative_precision() {
-    // With a soft spring, an error of gamma1 is hardly visible in the energy norm. A frequency response shows it.
+    // With a soft spring, an error of gamma1 is hardly visible in the energy norm. A frequency response shows this
+    // error.
     for row in golden()
         .iter()
         .filter(|r| r.damping / r.mass * r.dt <= 1.0 && r.stiffness / r.mass * r.dt * r.dt <= 1.0)

@@ -6,8 +6,8 @@
 //! ```text
 //! |s| <= max(D1, sqrt(K1))
 //! ```
-//! Stops, cogging and friction add to K and D, so they can only raise the bound. Sticking removes a body, so it can
-//! only lower the bound. So the bound at the steepest slope of all elements is valid in every combination of contacts.
+//! Stops, cogging and friction add to K and D, and can only raise the bound. Sticking removes a body, and can only
+//! lower the bound. So the bound at the steepest slope of all elements is valid in every combination of contacts.
 //!
 //! Semi-implicit Euler is `v1 = v - h M^-1 (K x + D v)`, `x1 = x + h v1`. Its solutions are `q g^n` with
 //! `m (g - 1)^2 + h d (g - 1) + h^2 k g = 0`. Both g are inside the unit circle if `2 h d + h^2 k < 4 m`. So the method

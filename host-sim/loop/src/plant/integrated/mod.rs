@@ -7,7 +7,7 @@
 //!
 //! So each integration method keeps its order of accuracy. A sticking device has speed 0 and does not creep. No device
 //! passes a rigid stop. If a guard changes its sign twice within one step, nothing is detected. So a step must be short
-//! compared with the motion. A method with error control keeps its steps so short.
+//! compared with the motion. A method with error control selects steps that are short enough.
 //!
 //! Source: Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., II.6 (discontinuities).
 
@@ -287,8 +287,8 @@ impl<const N: usize> IntegratedStep<N> {
             (value_of(&end, h), end)
         };
         let (mut high, mut at_high) = (step_s, (value, end));
-        // In a new regime the guard may start at zero. So a point inside the step is searched where the guard is
-        // positive.
+        // In a new regime the guard may start at zero. So the search begins with a point inside the step at which the
+        // guard is positive.
         let (mut low, mut value_low) = (0.0, value_of(z, 0.0));
         let mut inside = step_s;
         while value_low <= 0.0 && inside > step_s * 1e-6 {
@@ -327,7 +327,7 @@ impl<const N: usize> IntegratedStep<N> {
         (high, at_high.1)
     }
 
-    /// Lengths of the steps of a piece. Empty if they are not known in advance.
+    /// Lengths of the steps of a piece. Empty if the lengths are not known in advance.
     #[inline]
     fn lengths_s(&self, duration_s: f64) -> impl Iterator<Item = f64> {
         let whole = if duration_s == self.sample_s { &self.even[..] } else { &[] };

@@ -1,4 +1,4 @@
-//! The regimes of the plant: which equation is valid, when its regime ends, and which regime follows.
+//! The regimes of the plant: which equation is valid, when the regime ends, and which regime follows.
 
 use super::{HybridState, IntegratedStep};
 use crate::{
@@ -6,7 +6,7 @@ use crate::{
     scene::element::{End, REST_SPEED_M_PER_S, Travel},
 };
 
-/// State of motion, stop and gap. Together they select the equation.
+/// State of motion, stop and gap. The three states together select the equation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Regime {
     pub(super) motion: Motion,
@@ -29,7 +29,7 @@ pub(super) enum Stop {
     /// The device is inside its travel.
     #[default]
     Clear,
-    /// The device is beyond the end, and the stop's spring and damper push it.
+    /// The device is beyond the end, and the stop's spring and damper push the device.
     Pushing(End),
     /// The device is beyond the end, and moves back faster than the stop can follow. So the stop does not push.
     Parting(End),
@@ -38,9 +38,10 @@ pub(super) enum Stop {
 /// State of the gap in the transmission.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Play {
-    /// No flank is touched. The transmission still has this stretch since it left a flank, and relaxes.
+    /// No flank is touched. The transmission has left a flank with some stretch. `stretch_m` is the rest of this
+    /// stretch, which relaxes.
     Apart { stretch_m: f64 },
-    /// The transmission presses on this flank. On `High` the second mass is ahead and pulls the device up.
+    /// The transmission presses on this flank. On the flank `High`, the second mass is ahead and pulls the device up.
     Touching(End),
 }
 

@@ -1,4 +1,4 @@
-//! Human arm: a mass with its own spring and damper. The spring and damper of the grip connect it to the handle.
+//! Human arm: a mass with its own spring and damper. The spring and damper of the grip connect the arm to the handle.
 //!
 //! Let x be the position of the handle (the device, or the mass of [`super::Mode`] if there is one), and a the position
 //! of the arm:

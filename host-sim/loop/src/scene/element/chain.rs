@@ -23,7 +23,7 @@ use crate::{
 /// Largest number of states of a chain: three bodies and an amplifier.
 pub const STATES_MAX: usize = 7;
 
-/// Minus zero. Adding it to a number changes no bit; adding +0 would change -0.
+/// Minus zero. If -0 is added to a number, no bit of the number changes. If +0 is added to -0, the sum is +0.
 pub const NOTHING: f64 = -0.0;
 
 /// Calls a generic function whose number of states, 2 to [`STATES_MAX`], is only known at run time.

@@ -81,7 +81,7 @@ impl PreparedScene {
         self.scene.wall_hit.push_n.to_bits() == other.scene.wall_hit.push_n.to_bits()
     }
 
-    /// Whether the handle touches the wall, in the window or before it.
+    /// Whether the handle touches the wall, in the window or before the window.
     pub fn touches(&self, numeric: Numeric, hit: &WallHit) -> bool {
         self.report(numeric, hit).is_ok_and(|report| report.peak_penetration_m > 0.0)
     }
@@ -159,7 +159,7 @@ impl PreparedScene {
         }
     }
 
-    /// The verdict of a hit, as soon as it is certain.
+    /// The verdict of a hit. The hit ends as soon as the verdict is certain.
     ///
     /// # Errors
     /// A setting is out of range, or the handle leaves the core's range.

@@ -10,7 +10,7 @@ use zwidth::{
 
 use super::{foaw::Foaw, levant::Levant};
 
-/// The equation of an estimator, from differences of counts to a velocity; without the state.
+/// The equation of an estimator, from differences of counts to a velocity. The state is stored separately.
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::large_enum_variant, reason = "copied once per run")]
 pub enum Equation {

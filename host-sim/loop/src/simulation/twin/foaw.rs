@@ -4,7 +4,8 @@ use super::LENGTH;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Foaw {
-    /// Whether the line is the least-squares fit to all samples of the window. Otherwise it goes through its two ends.
+    /// Whether the line is the least-squares fit to all samples of the window. Otherwise the line goes through the two
+    /// ends of the window.
     pub best: bool,
     /// Longest window, samples.
     pub window: u32,

@@ -30,8 +30,8 @@ const MOST_ROWS: usize = 2;
 const LABEL_SPACE: f64 = 4.0;
 
 const TICK_WIDTH: f64 = 1.0;
-/// Colour of the line from a tick to its number in the second row. The line is light, because it passes close to other
-/// numbers.
+/// Colour of the line from a tick to its number in the second row. The colour is light, because the line passes close
+/// to other numbers.
 const LEADER: RGBColor = RGBColor(190, 190, 190);
 
 /// Space left and right of the outermost cutoffs, as a fraction of the axis. `LEAST_PAD` is the smallest space, as a
