@@ -26,8 +26,9 @@ use crate::{
 /// Poles, lead and second zero are chosen for the worst of several pushes, arms and limits.
 ///
 /// A global search comes first. Then the boundaries of the best filters below several gain peaks are walked again. The
-/// result gives the areas in the worst condition. In the worst condition, the area divided by the area of a Butterworth
-/// low-pass at its best cutoff of [sweep] is smallest. A scene uses the result with estimator = "biquad" or "biquad-2".
+/// result gives the areas in the worst condition. In this condition the ratio to the area of a Butterworth low-pass is
+/// smallest. The low-pass has its best cutoff of [sweep]. A scene uses the result with estimator = "biquad" or
+/// "biquad-2".
 #[derive(Debug, Args)]
 pub struct DesignArgs {
     /// Built-in scene or scene file. The scene's estimator is not used.

@@ -19,7 +19,8 @@ use crate::{
     scene::NamedScene,
 };
 
-/// Runs an estimator over the counts of all samples of a capture, and compares it with the board's estimator.
+/// Runs an estimator over the counts of all samples of a capture, and compares its velocity with that of the board's
+/// estimator.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
     /// File with the unchanged bytes of RTT up channel 1; with --rank, a log for `identify`.

@@ -89,7 +89,7 @@ fn backup_of(place: &Path) -> PathBuf {
     beside(place, BACKUP)
 }
 
-/// A draft, with its file locked.
+/// A draft with a locked file.
 #[derive(Debug)]
 pub(super) struct Draft {
     pub(super) path: PathBuf,

@@ -147,7 +147,8 @@ impl LeverStudy {
         self.results.iter().map(summary).collect()
     }
 
-    /// The tables for people, one for each limit and push. The last sentence says what limits the scene's walls first.
+    /// The tables for people, one for each limit and push. A sentence after the tables says what limits the scene's
+    /// walls first.
     pub fn text(&self) -> String {
         let mut text = String::from(
             "when the loop acts: area at the ideal cutoff, 10^6 N^2 s/m^2, with the ideal range in Hz; > cut at a cap",

@@ -30,7 +30,7 @@ pub struct BoardTable {
     /// Estimators of the envelope, beside the designs. The first is active at the start. Absent: the scene's estimator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub estimators: Vec<String>,
-    /// Output periods in samples of the envelope, beside `actuator.period`.
+    /// Output periods of the envelope, in samples, beside `actuator.period`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub periods: Vec<u32>,
     /// Direction of the motor. `-`: a positive command pushes out of the wall. Absent: `+`.
@@ -390,8 +390,8 @@ impl BoardTable {
             let most = Name::LEN;
             return Err(format!("board.name is `{}`, allowed 1 to {most} bytes", self.name));
         }
-        // Without `board.estimators`, the only estimator is the scene's estimator. Any such estimator is accepted here,
-        // because `prepare` checks it for the board.
+        // Without `board.estimators`, the only estimator is the scene's estimator. Any estimator is accepted here,
+        // because `prepare` checks the scene's estimator.
         let estimators = match self.estimators.is_empty() {
             true => vec![scene.velocity.estimator()],
             false => scene.board_estimators()?,

@@ -29,7 +29,7 @@ pub struct Uncertainty {
     /// Standard deviation of the latency in samples.
     #[serde(default)]
     pub latency: f64,
-    /// Two keys of this table, or their rotary names, and their correlation, -1 to 1. Absent pairs: 0.
+    /// Each entry has two keys of this table, or their rotary names, and the correlation, -1 to 1. Absent pairs: 0.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub correlations: Vec<(String, String, f64)>,
 }

@@ -94,7 +94,7 @@ impl HitReport {
     }
 }
 
-/// The result with the larger force RMS. If both are equal, the result is `kept`.
+/// The result with the larger force RMS. If both forces are equal, the result is `kept`.
 pub(crate) fn louder<T>(kept: Option<T>, next: T, force_n: impl Fn(&T) -> Option<f64>) -> T {
     match kept {
         Some(kept) if force_n(&next) <= force_n(&kept) => kept,

@@ -38,8 +38,8 @@ pub(super) enum Stop {
 /// State of the gap in the transmission.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Play {
-    /// No flank is touched. The transmission has left a flank with some stretch. `stretch_m` is the rest of this
-    /// stretch, which relaxes.
+    /// No flank is touched. The transmission has left a flank, and its stretch relaxes. `stretch_m` is the remaining
+    /// stretch.
     Apart { stretch_m: f64 },
     /// The transmission presses on this flank. On the flank `High`, the second mass is ahead and pulls the device up.
     Touching(End),

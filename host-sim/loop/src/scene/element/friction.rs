@@ -4,8 +4,8 @@
 //! sliding:  F = -sign(v) (coulomb + (static - coulomb) exp(-(v / stribeck_speed)^2))
 //! sticking: v = 0 exactly, for as long as the other forces stay within +-static
 //! ```
-//! Viscous friction is the device's damping. The instants at which the device comes to rest and breaks away are
-//! located. So the speed at rest is exactly 0; there is no band of speeds around 0.
+//! Viscous friction is the device's damping. The instants at which the device comes to rest or breaks away are located.
+//! So the speed at rest is exactly 0; there is no band of speeds around 0.
 //!
 //! The curve is the standard Stribeck curve in its Gaussian form. Sticking is a separate state, as in Karnopp's
 //! model, but without Karnopp's band of speeds.
