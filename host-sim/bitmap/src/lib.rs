@@ -1,4 +1,5 @@
-//! Paints the shapes of a figure as PNG. A separate crate is always optimised: a bitmap has millions of pixels.
+//! Paints the shapes of a figure as PNG. This code is a separate crate, so that it is always optimised: a bitmap has
+//! millions of pixels.
 #![forbid(unsafe_code)]
 
 mod font;

@@ -151,7 +151,8 @@ pub struct Scene {
     /// The board's return move between two hits.
     #[serde(rename = "return")]
     pub back: Option<ReturnTable>,
-    /// Units of the scene's file and of its results. A scene is always written to a file in m and N.
+    /// Units of the file from which the scene was read, and of the results. A scene that the program writes is always
+    /// in m and N.
     #[serde(skip)]
     pub units: Units,
 }

@@ -114,7 +114,7 @@ impl PreparedScene {
         deciding(self.pushes().iter().map(|of| of.by(numeric, hit, None, bounded)))
     }
 
-    /// Runs a hit. The arithmetic selects the controller.
+    /// Runs a hit. The arithmetic determines which controller runs.
     fn by(
         &self,
         numeric: Numeric,

@@ -38,8 +38,8 @@ const REST_HZ: f64 = 20.0;
 /// polynomial follows motion up to about 25 Hz.
 const DEGREE: usize = 5;
 
-/// Start position of a tap, m. From rest at this position, the push needs [`TO_WALL_S`] to the wall. If the scene's
-/// start position is nearer to the wall, the tap starts there.
+/// Start position of a tap, m. From rest at this position, the push moves the handle to the wall in [`TO_WALL_S`]. If
+/// the scene's start position is nearer to the wall, the tap starts there.
 pub(super) fn tap_start_m(scene: &Scene, plant: &AnyPlant) -> f64 {
     let push_n = scene.push_n(PushBy::Motor); // a hand's push is part of the plant
     let (wall_m, start_m) = (scene.wall.position_m, scene.device.start_position_m);
