@@ -94,9 +94,9 @@ struct Common {
     /// Implementation that runs the hits. All implementations give the same results.
     #[arg(long, global = true, value_parser = named(&[CORE, ("lanes", LANES, Engine::lanes())]), default_value = "lanes")]
     engine: Engine,
-    /// Folder for the results. With several scenes, one folder per scene in this folder [default: zwidth-out/SCENE].
-    /// For `identify` and `read`: the scene file that is written. For `prepare`: the record. Other commands have an
-    /// option for each file.
+    /// Folder for the results, with one folder per scene if there are several scenes [default: zwidth-out/SCENE].
+    /// `identify` and `read` write a scene file to this path instead, `prepare` writes the record. Other commands have
+    /// an option for each file.
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Replace existing results.

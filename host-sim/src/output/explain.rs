@@ -86,7 +86,7 @@ impl ExplainReport<'_> {
         let (unit, factor) = self.units.written("N² s/m²");
         let Explanation { base, changes, .. } = self.found;
         let areas = [base].into_iter().chain(changes).map(|one| one.area()[0] * factor);
-        // the power is that of the scene's own area, or of the first area above 0 if the scene's own area is 0
+        // the scene's own area determines the exponent, or the first area above 0 if the scene's own area is 0
         let power = areas.into_iter().find(|area| *area > 0.0).map_or(0.0, thousands);
         let area_unit = if power == 0.0 { unit.into() } else { format!("10^{power} {unit}") };
         Spoken { k, v, area_unit, area: factor / 10f64.powf(power) }

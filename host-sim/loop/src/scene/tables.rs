@@ -12,13 +12,13 @@ use super::FeltCurve;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Device {
-    /// Mass at the handle, m.
+    /// Mass at the handle; m in the equation.
     pub mass_kg: f64,
-    /// Viscous damping, b.
+    /// Viscous damping; b in the equation.
     pub damping_n_s_per_m: f64,
-    /// Spring of the device, k.
+    /// Spring of the device; k in the equation.
     pub stiffness_n_per_m: f64,
-    /// Rest position of the spring, x0.
+    /// Rest position of the spring; x0 in the equation.
     pub rest_position_m: f64,
     /// Rest position of the handle before a hit; before the wall.
     pub start_position_m: f64,
