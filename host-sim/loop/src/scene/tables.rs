@@ -12,13 +12,13 @@ use super::FeltCurve;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Device {
-    /// Mass at the handle; m in the equation.
+    /// Mass `m` at the handle.
     pub mass_kg: f64,
-    /// Viscous damping; b in the equation.
+    /// Viscous damping `b`.
     pub damping_n_s_per_m: f64,
-    /// Spring of the device; k in the equation.
+    /// Stiffness `k` of the device's spring.
     pub stiffness_n_per_m: f64,
-    /// Rest position of the spring; x0 in the equation.
+    /// Rest position `x0` of the spring.
     pub rest_position_m: f64,
     /// Rest position of the handle before a hit; before the wall.
     pub start_position_m: f64,

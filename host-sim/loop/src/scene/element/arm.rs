@@ -54,8 +54,8 @@ impl Arm {
     }
 
     /// Arms for scenes without arms: a heavy arm with a soft grip, and a light arm with a firm grip. The values have
-    /// the size of published values, but we have not measured them. The rest position of each arm is the handle's start
-    /// position.
+    /// the size of published values, but we have not measured them. `Scene::named_arm` sets the rest position to the
+    /// handle's start position.
     pub const BUILT_IN: &[(&str, Self)] =
         &[("heavy", Self::model(1.1, 900.0, 15.0)), ("light", Self::model(0.5, 3000.0, 25.0))];
 
