@@ -1,5 +1,6 @@
-//! Simulator of a one-degree-of-freedom haptic device with the control core of the firmware. It answers this question:
-//! which filter cutoff gives a device the largest Z-width? The Z-width is the range of walls that stay stable.
+//! Simulator of a one-degree-of-freedom haptic device with the control core of the firmware. The simulator answers this
+//! question: which filter cutoff gives a device the largest Z-width? The Z-width is the range of walls that stay
+//! stable.
 //!
 //! Each layer uses only the layers below it:
 //!
@@ -21,7 +22,7 @@
 //! with its `f64` twin ([`simulation::twin`]).
 //!
 //! [`study`] passes the hits of a walk to an [`engine::Engine`]: the core itself, or lanes (the default). Lanes
-//! implement the core's arithmetic again, for speed. Tests check that both give the same bits.
+//! implement the core's arithmetic again, for speed. Tests check that core and lanes give the same bits.
 #![forbid(unsafe_code)]
 
 pub mod cli;

@@ -1,4 +1,4 @@
-//! The bundled font, and the width of a text in it.
+//! The bundled font, and the width of a text in this font.
 
 use std::sync::LazyLock;
 

@@ -1,4 +1,5 @@
-//! Paints the shapes of a figure as PNG. A separate crate is always optimised: a bitmap has millions of pixels.
+//! Paints the shapes of a figure as PNG. This code is a separate crate, so that it is always optimised: a bitmap has
+//! millions of pixels.
 #![forbid(unsafe_code)]
 
 mod font;
@@ -11,7 +12,7 @@ use plotters_backend::{BackendCoord, BackendStyle, DrawingErrorKind, rasterizer}
 
 pub use font::width;
 
-/// Grid steps per pixel in each direction. `halved` averages them for anti-aliasing.
+/// Grid steps per pixel in each direction. For anti-aliasing, `halved` averages the steps of a pixel.
 pub const STEPS_PER_PIXEL: u8 = 2;
 
 type PaintError<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::ErrorType>;
@@ -37,7 +38,8 @@ pub struct Lettering {
     pub at: BackendCoord,
     /// Font size: one em, in grid steps.
     pub em: f64,
-    /// Which point of the text is at `at`: its name in SVG, and the fraction of the width before it.
+    /// The point of the text that is at `at`: the name of this anchor in SVG, and the fraction of the text's width
+    /// before the anchor.
     pub anchor: (&'static str, f64),
     /// Distance from the point `at` down to the base line, em.
     pub drop: f64,
@@ -95,8 +97,8 @@ fn encode(rgb: &[u8], [width, height]: [u32; 2]) -> Result<Vec<u8>, png::Encodin
 }
 
 /// Paints a shape on the bitmap of plotters. Lines with round joins, and text as in SVG, are painted here. plotters
-/// 0.3.7 converts a zigzag to one polygon that crosses itself, which leaves holes and spikes. Its `ab_glyph` text
-/// leaves out the bearing of each glyph, and differs from its SVG text in size and base line.
+/// 0.3.7 converts a zigzag to one polygon that crosses itself, which leaves holes and spikes. The `ab_glyph` text of
+/// plotters leaves out the bearing of each glyph, and differs from the SVG text of plotters in size and base line.
 fn paint(bitmap: &mut BitMapBackend<'_>, shape: &Shape) -> Result<(), BitmapError> {
     let painted = match shape {
         Shape::Line([from, to], style) => rasterizer::draw_line(bitmap, *from, *to, style),
@@ -168,8 +170,8 @@ fn grid_of(step: f32) -> i32 {
     step.round() as i32
 }
 
-/// Halves width and height. A pixel is the rounded mean of two times two pixels. A row of the result has `columns`
-/// pixels.
+/// Halves width and height. A pixel of the result is the rounded mean of two times two pixels. A row of the result has
+/// `columns` pixels.
 fn halved(fine: &[u8], columns: usize) -> Vec<u8> {
     let mut coarse = Vec::with_capacity(fine.len() / 4);
     for rows in fine.chunks_exact(12 * columns) {

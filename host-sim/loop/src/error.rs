@@ -2,13 +2,13 @@
 
 use std::{borrow::Cow, fmt, io, path::PathBuf};
 
-/// Exit code of a command interrupted by Ctrl-C, as a shell reports it.
+/// Exit code of a command interrupted by Ctrl-C, the same as a shell reports.
 pub const INTERRUPTED: u8 = 130;
 
 /// Reason why a command ended without a result.
 #[derive(Debug)]
 pub enum Error {
-    /// Exit code 2: the input is not valid. The text is one line with the place, the wrong and the allowed values.
+    /// Exit code 2: the input is not valid. The text is one line: the place, the wrong value and the allowed values.
     Input(String),
     /// Exit code 1: a file could not be written, or only a part of it could be read.
     File { path: PathBuf, source: io::Error },
@@ -29,7 +29,7 @@ impl Error {
         move |source| Self::File { path, source }
     }
 
-    /// The same error. The text of an [`Error::Input`] gets `name` and a colon before it.
+    /// The same error. If it is an [`Error::Input`], `name` and a colon are put before the text.
     #[must_use]
     pub fn of(self, name: &str) -> Self {
         match self {
@@ -78,7 +78,7 @@ impl std::error::Error for Error {
 
 /// Largest number of characters in a message.
 const LONGEST: usize = 1000;
-/// Number of characters kept at the end of a shortened message. The allowed values are there.
+/// Number of characters kept at the end of a shortened message, because the end has the allowed values.
 const TAIL: usize = 300;
 
 /// A text as one printable line of at most about a thousand characters. Control characters are escaped, and the middle

@@ -1,4 +1,4 @@
-//! The flag that asks a command to end. A long computation checks the [`flag`] between two pieces of its work.
+//! The flag that asks a command to end. A long computation checks this [`flag`] between two pieces of work.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -6,7 +6,7 @@ use crate::error::Error;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// The flag. It is set when the command must end.
+/// The flag, which is set when the command must end.
 pub fn flag() -> &'static AtomicBool {
     &REQUESTED
 }

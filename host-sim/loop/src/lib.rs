@@ -1,4 +1,5 @@
-//! The sampled loop: a device's motion under the firmware's control core. It runs one wall hit, or many side by side.
+//! The sampled loop: a device's motion under the firmware's control core. The loop runs one wall hit, or many hits side
+//! by side.
 //!
 //! Each layer uses only the layers below it:
 //!

@@ -1,6 +1,6 @@
 //! Numbers as text for people.
 
-/// Thin space between groups of three digits. No language uses it as a decimal sign.
+/// Thin space between groups of three digits. No language uses this space as a decimal sign.
 const GROUP_SEPARATOR: char = '\u{2009}';
 /// Whole parts of at least this many digits are grouped. Shorter numbers are easier to read in one piece.
 const GROUPED_FROM_DIGITS: usize = 5;

@@ -7,7 +7,7 @@ use zwidth::ends;
 /// Checks that a value is in its range.
 ///
 /// # Errors
-/// The message of [`refused`].
+/// The error message of [`refused`].
 pub fn within(key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), String> {
     if range.contains(&value) { Ok(()) } else { Err(refused(key, value, &range)) }
 }

@@ -13,9 +13,9 @@ use crate::{
     scene::NamedScene,
 };
 
-/// Compares a walk measured on a board with the walk that the scene predicts. Says whether they agree, and which change
-/// of one number of the scene explains the difference best: mass, damping, stiffness, force per command, latency,
-/// amplifier, dry friction, or encoder noise.
+/// Compares a walk measured on a board with the walk that the scene predicts. Says whether the walks agree, and which
+/// change of one number of the scene explains the difference best: mass, damping, stiffness, force per command,
+/// latency, amplifier, dry friction, or encoder noise.
 #[derive(Debug, Args)]
 pub struct AgreeArgs {
     /// Built-in scene or scene file that predicts the walk.

@@ -38,7 +38,7 @@ use crate::{
 /// Compares velocity estimators, each tuned by the same search: Z-width, delay, noise, roughness, fidelity, cost.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
-    /// Built-in scene or scene file. Its own estimator is not used.
+    /// Built-in scene or scene file. The scene's estimator is not used.
     scene: String,
     /// Estimators by their names in the table, A,B,C [default: all except second-order, smoothing, tracking-lead,
     /// window-difference, biquad and biquad-2].
@@ -49,7 +49,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
     damping: Option<f64>,
     /// Number of tunings that the search may try for an estimator with one parameter, with two walks each. With two
-    /// parameters: four times as many. The search ends earlier if no tuning nearby is better.
+    /// parameters, four times as many are allowed. The search ends earlier if no tuning nearby is better.
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(3..=1000))]
     budget: u32,
     /// Walks for the result of each search, with starts spread over one count.
@@ -83,7 +83,7 @@ struct Json<'a> {
     walls: [Wall; 3],
     /// Mean area with the true velocity.
     true_velocity_area_n2_s_per_m2: f64,
-    /// Error of the impedance with the true velocity. Only output hold and latency cause it.
+    /// Error of the impedance with the true velocity. Only output hold and latency cause this error.
     impedance_error_of_loop: Option<f64>,
     estimators: Vec<JsonRow>,
     winners: &'a [Winner],

@@ -26,9 +26,9 @@ pub struct Judged {
     /// Criterion for a stable wall, instead of the scene's.
     #[arg(long, value_parser = criteria())]
     criterion: Option<Criterion>,
-    /// How a wall is tried, instead of the scene's way. `paper`: a constant push. `press`: the last 2 s of a push of a
-    /// minute. `taps`: two a second, the last half of each contact. `hand`: a push that sways by 30 %; motion and force
-    /// above 20 Hz count.
+    /// How a wall is tried, instead of the scene's way. `paper`: a constant push. `press`: the last 2 s of a constant
+    /// push that lasts a minute. `taps`: two taps a second; the last half of each contact is judged. `hand`: a push
+    /// that sways by 30 %; motion and force above 20 Hz are judged.
     #[arg(long, value_parser = named(&Protocol::ALL.map(|of| (of.name(), "", of))))]
     protocol: Option<Protocol>,
 }

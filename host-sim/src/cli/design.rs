@@ -23,15 +23,15 @@ use crate::{
 };
 
 /// Designs a velocity filter for a device: one or two biquads after the finite difference, in the core's fixed point.
-/// Poles, lead and second zero are best for the worst of several pushes, arms and limits.
+/// Poles, lead and second zero are chosen for the worst of several pushes, arms and limits.
 ///
-/// First there is a global search. Then the best filters below several gain peaks are walked again. An area in the
-/// result is that of the worst condition. The worst condition has the smallest ratio of the area to that of a
-/// Butterworth low-pass, which has its best cutoff of [sweep]. In a scene the result is estimator = "biquad", or
+/// A global search comes first. Then the boundaries of the best filters below several gain peaks are walked again. The
+/// result gives the areas in the worst condition. In this condition the ratio to the area of a Butterworth low-pass is
+/// smallest. The low-pass has its best cutoff of [sweep]. A scene uses the result with estimator = "biquad" or
 /// "biquad-2".
 #[derive(Debug, Args)]
 pub struct DesignArgs {
-    /// Built-in scene or scene file. Its own estimator is not used.
+    /// Built-in scene or scene file. The scene's estimator is not used.
     scene: String,
     /// Largest ratio of the estimated to the true velocity, dB [default: no limit].
     #[arg(long, value_name = "DB", allow_negative_numbers = true)]
@@ -49,7 +49,7 @@ pub struct DesignArgs {
     /// limit].
     #[arg(long, value_name = "PART", allow_negative_numbers = true)]
     mistuned: Option<f64>,
-    /// Who pushes, instead of the scene's pusher: motor, hand. Of several, the worst is used.
+    /// Who pushes, instead of the scene's pusher: motor, hand. With several, the worst is used.
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = push)]
     push: Option<Vec<PushBy>>,
     /// Arms that hold the handle; the worst is used. Names in [arms.NAME] or of built-in models (heavy, light), `none`
@@ -75,7 +75,7 @@ pub struct DesignArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
     budget: Option<u32>,
     /// Walks of a result in each condition, with starts spread over one count. With 1, all walks have the same start,
-    /// and the area is the luckiest of many.
+    /// and the area is partly luck.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
     /// Seed of the search.

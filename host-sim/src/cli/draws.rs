@@ -12,8 +12,8 @@ const STARTS: [u32; 2] = [16, 1];
 /// Options for the share of starts, and of devices, at which a wall is stable.
 #[derive(Clone, Debug, Args)]
 pub struct DrawArgs {
-    /// Probability of each wall: the share of starts, spread over one count (with --uncertain also of devices), that
-    /// hold it.
+    /// Probability that each wall is stable: the share of starts, spread over one count, and with --uncertain also of
+    /// devices.
     #[arg(long)]
     probability: bool,
     /// With --probability: draw this number of devices from the scene's [uncertainty].

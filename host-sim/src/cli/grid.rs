@@ -47,8 +47,8 @@ pub struct GridArgs {
     stiffnesses: List,
     #[command(flatten)]
     start: Start,
-    /// Add the error of the rendered impedance against K + jwB: the largest error of its magnitude from 1 to 30 Hz. A
-    /// sine moves the handle inside the wall. Add also the number of stable walls within 5, 10 and 20 %.
+    /// Add the largest error of the magnitude of the rendered impedance, compared with K + jwB, from 1 to 30 Hz. A sine
+    /// moves the handle inside the wall. Add also the number of stable walls within 5, 10 and 20 %.
     #[arg(long, conflicts_with = "probability")]
     impedance: bool,
     #[command(flatten)]
@@ -73,7 +73,7 @@ struct Json<'a> {
     protocol: Option<&'static str>,
 }
 
-/// Limits of the impedance error. For each limit, the walls below it are counted.
+/// Limits of the impedance error. For each limit, the walls with a smaller error are counted.
 const WITHIN: [f64; 3] = [0.05, 0.1, 0.2];
 
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
@@ -167,7 +167,7 @@ struct ProbableJson<'a> {
     share: f64,
 }
 
-/// Largest number of verdicts. They are kept in memory until the end.
+/// Largest number of verdicts. All verdicts are kept in memory until the end.
 const VERDICTS_MAX: u64 = 100_000_000;
 
 fn probable<'a>(

@@ -19,7 +19,7 @@ use crate::{
     study::asked::prepare,
 };
 
-/// Hits one wall, and says whether it is stable.
+/// Hits one wall, and says whether the wall is stable.
 #[derive(Debug, Args)]
 pub struct HitArgs {
     #[command(flatten)]
@@ -35,7 +35,7 @@ pub struct HitArgs {
     /// Write every sample as CSV.
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-    /// Draw the true position over time; .svg or .png. The RMS in it is that of the counts.
+    /// Draw the true position over time; .svg or .png. The figure gives the RMS of the counts.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }
@@ -72,8 +72,8 @@ struct Json<'a> {
     port_taken_j: f64,
     /// Largest net energy that the wall has given in any contact, J.
     port_given_j: f64,
-    /// Outputs in contact that the passivity controller changed, as a fraction. Below it, the fraction of the force
-    /// that it withheld.
+    /// Fraction of the outputs in contact that the passivity controller changed. The next field is the fraction of the
+    /// force that the controller withheld.
     #[serde(skip_serializing_if = "Option::is_none")]
     port_limited_fraction: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -33,7 +33,7 @@ pub struct LimitArgs {
     /// level over the threshold curve.
     #[arg(long, value_name = "LIST", value_parser = parse)]
     limits: Option<Limits>,
-    /// With --limits: also use these arms, and give the worst of all. Names in [arms.NAME] or of built-in models
+    /// With --limits: also use these arms, and give the worst result. Names in [arms.NAME] or of built-in models
     /// (heavy, light), or `all` [default: the scene's].
     #[arg(long, value_name = "NAMES", requires = "limits", value_delimiter = ',')]
     arms: Option<Vec<String>>,
@@ -142,7 +142,7 @@ impl LimitArgs {
     }
 
     /// The question that a sweep asks beside its own walks. Without `--limits`, the limit is one count; motor and hand
-    /// push in one walk each, with the scene's steps. With `plain` and without `--limits` it is `None`.
+    /// push in one walk each, with the scene's steps. The result is `None` with `plain` and without `--limits`.
     pub fn or_default(
         &self,
         scene: &Scene,
@@ -164,7 +164,8 @@ impl LimitArgs {
         }))
     }
 
-    /// The limits of `--levers`: those of the user. If the user gave none: quiet walls and the scene's limit.
+    /// The limits of `--levers`: the user's limits. If the user gave no limits, quiet walls and the scene's limit are
+    /// used.
     pub fn of_levers(&self, scene: &Scene) -> Result<Vec<Limit>, Error> {
         let asked = self.question(scene, &[], 1)?.map(|question| question.limits);
         let quiet = Asked::Quiet.of(scene);

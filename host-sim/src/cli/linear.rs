@@ -34,12 +34,12 @@ use crate::{
 pub struct LinearArgs {
     #[command(flatten)]
     at: AtCutoffs,
-    /// Use the scene's output period and latency. Without it, there is a force with every sample and without latency,
-    /// as in the paper's equations (3) to (5). The scene's linear elements are part of both.
+    /// Use the scene's output period and latency. Without this option, the loop has an output at every sample and no
+    /// latency, as in the paper's equations (3) to (5). Both loops have the scene's linear elements.
     #[arg(long)]
     multirate: bool,
     /// Add the largest K of passive walls in the same loop: no motion of the handle takes energy out of wall and device
-    /// damping. It holds for anything on the handle, also if it changes with time.
+    /// damping. This K is valid for any load on the handle, also for a load that changes with time.
     #[arg(long)]
     passivity: bool,
     /// Add the simulated boundary, and explain its points above the linear envelope.
@@ -63,7 +63,7 @@ struct Json<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     passivity_left_out: Option<&'a [&'static str]>,
     rows: Vec<&'a Row>,
-    /// The simulated boundary. Empty if the user has not asked for it.
+    /// The simulated boundary. Empty if the user has not asked for this boundary.
     simulated: Vec<SimulatedRow>,
 }
 
@@ -76,7 +76,7 @@ struct SimulatedRow {
     linear_n_per_m: f64,
     /// Intervals of K above the envelope in which the linear loop is stable.
     further_stable_n_per_m: Vec<(f64, f64)>,
-    /// Whether the linear loop is unstable at this wall. If it is, the motion is a limit cycle.
+    /// Whether the linear loop is unstable at this wall. If the loop is unstable, the motion is a limit cycle.
     linearly_unstable: bool,
     rms_m: f64,
     saturated_fraction: f64,
@@ -93,23 +93,23 @@ struct Row {
     unstable_at_zero: bool,
     /// Whether the paper's gain-margin method gives the same result.
     gain_margin_holds: bool,
-    /// Further intervals of K, above the first, in which the loop is stable: from and to of each.
+    /// Further intervals of K, above the first, in which the loop is stable: lower and upper end of each interval.
     further_stable_n_per_m: Vec<(f64, f64)>,
     /// Number of K > 0 at which roots cross the unit circle. If there are several, the paper's method must select one.
     phase_crossings: usize,
-    /// Largest K for which all walls from 0 on are passive at the port of a damped mass. 0 if no wall is. Only with
-    /// `--passivity`.
+    /// Largest K for which all walls from 0 on are passive at the port of a damped mass. 0 if no wall is passive. Only
+    /// with `--passivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
     stiffness_passive_n_per_m: Option<f64>,
 }
 
-/// Largest number of points of a boundary. They are kept in memory until the end.
+/// Largest number of points of a boundary. All points are kept in memory until the end.
 const POINTS_MAX: usize = 1_000_000;
 
 struct Analysis {
     cutoff_hz: f64,
     rows: Vec<Row>,
-    /// Empty if the user has not asked for it.
+    /// Empty if the user has not asked for passive walls.
     passive_region: Vec<BoundaryPoint>,
     simulated: Vec<Explained>,
 }
@@ -161,7 +161,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// Parts of a scene that the passivity condition leaves out. The condition is for a damped mass.
+/// Parts of a scene that the passivity condition leaves out. The condition is valid for a damped mass.
 fn passivity_left_out(scene: &scene::Scene, multirate: bool) -> Vec<&'static str> {
     let linear = [
         ("actuator.period", !multirate && scene.actuator.period > 1),
@@ -187,7 +187,7 @@ fn simulated_rows(analysis: &Analysis) -> impl Iterator<Item = SimulatedRow> {
     })
 }
 
-/// A sentence for each cutoff. It explains the points of the simulated boundary.
+/// A sentence for each cutoff, which explains the points of the simulated boundary.
 fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
     let rms_limit_m = scene.wall_hit.rms_limit_m;
     let mut text = String::new();

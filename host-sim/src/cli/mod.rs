@@ -85,18 +85,18 @@ struct Common {
     /// Print only one JSON object on stdout, also for an error.
     #[arg(long, global = true)]
     json: bool,
-    /// Number of worker threads. The results do not depend on it. Default: all cores.
+    /// Number of worker threads. The number does not change the results. Default: all cores.
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
     /// Arithmetic of the controller.
     #[arg(long, global = true, value_parser = named(&NUMERICS), default_value = "fixed")]
     numeric: Numeric,
-    /// Implementation that runs the hits. The results do not depend on it.
+    /// Implementation that runs the hits. All implementations give the same results.
     #[arg(long, global = true, value_parser = named(&[CORE, ("lanes", LANES, Engine::lanes())]), default_value = "lanes")]
     engine: Engine,
-    /// Folder for the results. With several scenes, it has one folder per scene [default: zwidth-out/SCENE]. For
-    /// `identify` and `read` it is the scene file that is written, for `prepare` the record. Other commands have an
-    /// option for each file.
+    /// Folder for the results, with one folder per scene if there are several scenes [default: zwidth-out/SCENE].
+    /// `identify` and `read` write a scene file to this path instead, `prepare` writes the record. Other commands have
+    /// an option for each file.
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Replace existing results.
@@ -114,7 +114,7 @@ impl Common {
         How { engine: self.engine, numeric: self.numeric, stop: interrupt::flag() }
     }
 
-    /// The output files of a command. They never replace files in `inputs`.
+    /// The output files of a command. An output file never replaces a file in `inputs`.
     fn outputs(&self, inputs: &[PathBuf]) -> Result<Outputs, Error> {
         let outputs = Outputs::new(self.force, inputs);
         if self.parquet { outputs.with_parquet() } else { Ok(outputs) }

@@ -46,8 +46,8 @@ pub struct PassivityArgs {
     /// Steps of K and B of the walks, in the scene's units. Walks start at one step [default: the scene's walk].
     #[arg(long, value_name = "K,B", value_parser = pair)]
     steps: Option<Pair>,
-    /// Times before the window for hits on the boundary's walls, s. The longer the time, the more energy a hum gets
-    /// [default: the scene's and 30].
+    /// Times before the window for hits on the boundary's walls, s. In a longer time, a hum gets more energy [default:
+    /// the scene's and 30].
     #[arg(long, value_name = "LIST", value_parser = list::parse)]
     settle: Option<List>,
     /// Number of walks, with starts spread over one count.

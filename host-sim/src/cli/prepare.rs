@@ -32,12 +32,12 @@ use crate::{
 
 /// Makes the device record of a scene. With this record, the image of a board becomes the firmware of the device.
 ///
-/// Makes all checks of the board, computes the envelope of walls that are predicted to be stable, and prints the
-/// board's settings. The record is a separate file. It is built in by ZWIDTH_DEVICE=FILE cargo flash, programmed alone,
-/// or used by cargo board .. --device FILE.
+/// The command makes all checks of the board, computes the envelope of walls that are predicted to be stable, and
+/// prints the board's settings. The record is a separate file. ZWIDTH_DEVICE=FILE cargo flash builds the record into
+/// the image. The record can also be programmed alone, or be given to cargo board with --device FILE.
 #[derive(Debug, Args)]
 pub struct PrepareArgs {
-    /// Built-in scene or scene file. Its name becomes the name of the device.
+    /// Built-in scene or scene file. The scene's name becomes the device's name.
     #[arg(required_unless_present = "starter")]
     scene: Option<String>,
     /// The board [default: the scene's board.name].
@@ -76,7 +76,8 @@ struct Json {
     heaviest_damping_n_s_per_m: f64,
     /// Largest energy that a contact gives with the passivity controller. `null` without the controller.
     passivity_reserve_j: Option<f64>,
-    /// Speed of the free handle, after full force, when a fault switches the force off. Its travel follows.
+    /// Speed that the free handle has reached under full force when a fault switches the force off. The next field has
+    /// the travel of the handle.
     fault_speed_m_per_s: f64,
     fault_travel_m: f64,
     /// Voltages at rest and at full command, as fractions of the analogue supply. `null` if the input is not used.
@@ -184,7 +185,8 @@ fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedS
     safety.ramp_in_s = Some(1.0);
     safety.sign_test_force = Some(STARTER_SIGN_TEST);
     safety.sign_test_counts = None;
-    // A push on the heaviest handle may move the count by almost nothing. Every device passes this check.
+    // With the largest allowed mass and damping, the check of a push expects almost no motion. So every device passes
+    // this check.
     safety.heaviest_mass_kg = Some(*SafetySettings::HEAVIEST_MASS_KG.end());
     safety.heaviest_damping_n_s_per_m = Some(*SafetySettings::HEAVIEST_DAMPING_N_S_PER_M.end());
     scene.safety = Some(safety);
@@ -218,7 +220,7 @@ impl Said<'_> {
     }
 
     /// Speed, m/s, and travel, m, that the free handle reaches from rest under full force until a fault switches the
-    /// force off: F t / m and F t^2 / (2 m). Damping is left out; it would reduce both.
+    /// force off: F t / m and F t^2 / (2 m). Damping is left out; damping would reduce speed and travel.
     fn fault(&self) -> [f64; 2] {
         let speed = self.device.design.full_scale_n * OFF_S / self.scene.device.mass_kg;
         [speed, 0.5 * speed * OFF_S]

@@ -1,4 +1,4 @@
-//! Progress bars on stderr. They appear only on a terminal.
+//! Progress bars on stderr, which appear only on a terminal.
 
 use indicatif::{ProgressBar, ProgressStyle};
 

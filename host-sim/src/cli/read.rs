@@ -22,10 +22,11 @@ use crate::{
 pub struct ReadArgs {
     /// The device record: a file from `cargo sim prepare`, or a copy of flash sector 3, from address 0x0800C000 on.
     record: PathBuf,
-    /// A copy of flash sectors 1 and 2, 32 KiB from address 0x08004000 on. Its settings replace those of the record.
+    /// A copy of flash sectors 1 and 2, 32 KiB from address 0x08004000 on. The saved settings replace those of the
+    /// record.
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
-    /// The scene that gives what no record has: mass, damping, stiffness, elements [default: the board's own].
+    /// The scene with the values that no record has: mass, damping, stiffness, elements [default: the board's own].
     #[arg(long, value_name = "SCENE")]
     base: Option<String>,
 }

@@ -19,7 +19,8 @@ use crate::{
     scene::NamedScene,
 };
 
-/// Runs an estimator over the counts of all samples of a capture, and compares it with the board's estimator.
+/// Runs an estimator over the counts of all samples of a capture, and compares its velocity with that of the board's
+/// estimator.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
     /// File with the unchanged bytes of RTT up channel 1; with --rank, a log for `identify`.
@@ -27,7 +28,7 @@ pub struct ReplayArgs {
     /// Estimator [default: the scene's].
     #[arg(long, value_name = "NAME")]
     estimator: Option<String>,
-    /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, else 1500]. Other parameters: the scene's, or
+    /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, else 1500]. Other parameters are the scene's, or
     /// defaults.
     #[arg(long, value_name = "HZ")]
     cutoff: Option<f64>,

@@ -4,7 +4,7 @@ use clap::Args;
 
 use crate::{error::Error, output::terminal::print_text, scene::schema::schema};
 
-/// Prints the JSON schema of scene files. With it, an editor completes keys and shows meaning, unit and range.
+/// Prints the JSON schema of scene files. With the schema, an editor completes keys and shows meaning, unit and range.
 #[derive(Debug, Args)]
 pub struct SchemaArgs;
 

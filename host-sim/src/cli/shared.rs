@@ -73,7 +73,7 @@ pub struct Subject<'a> {
     scene: &'a str,
     numeric: &'static str,
     estimator: &'static str,
-    /// Cutoff, Hz. `null` if the estimator has none.
+    /// Cutoff, Hz. `null` if the estimator has no cutoff.
     cutoff_hz: Option<f64>,
     true_cutoff_hz: Option<f64>,
 }
@@ -150,7 +150,7 @@ pub fn check_filters(scene: &NamedScene, filters: &[VelocitySettings]) -> Result
     filters.iter().try_for_each(|filter| asked::check_wall(scene, &wall(filter), LISTS))
 }
 
-/// The folder of a result. Its files are not moved there yet.
+/// The folder of a result. The files of the result are not in the folder yet.
 pub struct Filled {
     outputs: Outputs,
     to: FolderPlace,
@@ -167,7 +167,7 @@ impl Common {
         Ok(Filled { outputs, to, path })
     }
 
-    /// Checks that the arithmetic is that of the board.
+    /// Checks that the arithmetic is fixed point, as on the board.
     pub fn only_fixed(&self, command: &str) -> Result<(), Error> {
         match self.numeric {
             Numeric::Fixed => Ok(()),

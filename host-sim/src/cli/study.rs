@@ -46,7 +46,7 @@ struct Subject {
 struct Json<'a> {
     #[serde(flatten)]
     subject: Subject,
-    /// Number of units that this run has computed. The others existed before.
+    /// Number of units that this run has computed. The other units existed before.
     units_made: u64,
     rows: u64,
     hits: u64,

@@ -63,8 +63,8 @@ pub struct SweepArgs {
     /// limit.
     #[arg(long, conflicts_with = "plain")]
     levers: bool,
-    /// Run the same device with these encoder rates, Hz, each with every output rate that divides it. The latency stays
-    /// the same time. Limits: as with --levers [default with --output-rates: the scene's own rate].
+    /// Run the same device with these encoder rates, Hz, each with every output rate that divides the encoder rate. The
+    /// latency in seconds stays the same. Limits: as with --levers [default with --output-rates: the scene's own rate].
     #[arg(long, value_name = "LIST", value_parser = list::parse, conflicts_with = "plain", allow_hyphen_values = true)]
     encoder_rates: Option<List>,
     /// Run the same device with these output rates, Hz [default with --encoder-rates: the scene's own rate].

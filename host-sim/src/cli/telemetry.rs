@@ -32,7 +32,7 @@ pub struct TelemetryArgs {
     /// Draw position, velocity, force and flags over time. The ending, .svg or .png, selects the format.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// The scene of the board. With it, the figure is in SI units.
+    /// The scene of the board. With a scene, the figure is in SI units.
     #[arg(long, requires = "plot")]
     scene: Option<String>,
 }

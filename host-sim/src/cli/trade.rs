@@ -250,7 +250,7 @@ fn plant_text(plants: &Plants) -> String {
                 format!("{}/{}", m.verdicts_wrong, plants.verdicts),
                 number(100.0 * m.area_change, 3)
             ),
-            // the reason may be long; it is in plant.csv
+            // the reason may be long, so it is only in plant.csv
             Err(_) => write!(text, "refused, see plant.csv"),
         };
     }

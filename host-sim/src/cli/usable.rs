@@ -26,9 +26,9 @@ use crate::{
 #[derive(Debug, Args)]
 pub struct UsableArgs {
     /// Compare usable areas instead: stable walls whose rendered impedance is accurate. The values are limits of the
-    /// largest error from 1 to 30 Hz, in % of the magnitude of K + jwB; any error is added. Each estimator is tuned for
-    /// each limit. A sine moves the handle, so an arm does not change the error. Walls must be stable with the arm of
-    /// the scene or of --arm.
+    /// largest error from 1 to 30 Hz, in % of the magnitude of K + jwB. A result without a limit is added. Each
+    /// estimator is tuned for each limit. A sine moves the handle, so an arm does not change the error. Walls must be
+    /// stable with the arm of the scene or of --arm.
     #[arg(long, value_name = "LIST", value_parser = list::parse, num_args = 0..=1, default_missing_value = PERCENTS, conflicts_with_all = ["damping", "peers"])]
     pub usable: Option<List>,
 }

@@ -54,7 +54,7 @@ pub struct FilterRow {
     capped_walks: usize,
     #[serde(flatten)]
     first: SectionRow,
-    /// Both sections, if the filter has two.
+    /// Both sections of a filter with two sections.
     #[serde(skip_serializing_if = "Option::is_none")]
     sections: Option<Vec<SectionRow>>,
     /// The table `[velocity]` of a scene.

@@ -1,7 +1,7 @@
 //! Drafts: unfinished files in the folder of their final path. A draft has its own name, and is locked by its program.
 //!
 //! The lock shows that a draft is in use. A second program that writes to the same path gets an error. A draft without
-//! a lock was left by a killed program. The next program that writes to this folder removes it.
+//! a lock was left by a killed program. The next program that writes to this folder removes the draft.
 
 use std::{
     ffi::{OsStr, OsString},
@@ -11,13 +11,13 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-/// Start of the names of drafts and backups; the constants below are their ends. A backup stays until the result is
-/// complete.
+/// Start of the names of drafts and backups; the constants below are the ends of these names. A backup stays until the
+/// result is complete.
 const PREFIX: &str = ".zwidth-";
 const DRAFT: &str = ".draft";
 const BACKUP: &str = ".backup";
 
-/// Number of attempts to make a draft. Another program may remove the draft before it is locked.
+/// Number of attempts to make a draft. Another program may remove the draft before this program locks it.
 const ATTEMPTS: usize = 100;
 
 /// Files and folders that would be left if this process ended now.
@@ -30,7 +30,7 @@ pub(super) struct Traces {
 
 static TRACES: Mutex<Traces> = Mutex::new(Traces { files: vec![], folders: vec![] });
 
-/// Locks the traces. While they are locked, a signal cannot end the process.
+/// Locks the traces. While the traces are locked, a signal cannot end the process.
 pub(super) fn traces() -> MutexGuard<'static, Traces> {
     TRACES.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -42,7 +42,8 @@ impl Traces {
     }
 }
 
-/// Removes all drafts, and the folders made for unfinished results. Afterwards the process must end: it cannot write.
+/// Removes all drafts, and the folders made for unfinished results. After this call the process cannot write any more
+/// and must end.
 pub fn abandon() {
     let traces = traces();
     for file in &traces.files {
@@ -88,7 +89,7 @@ fn backup_of(place: &Path) -> PathBuf {
     beside(place, BACKUP)
 }
 
-/// A draft, with its file locked.
+/// A draft with a locked file.
 #[derive(Debug)]
 pub(super) struct Draft {
     pub(super) path: PathBuf,
@@ -96,7 +97,7 @@ pub(super) struct Draft {
 }
 
 impl Draft {
-    /// A new, empty draft for the path `place`. `None` if another program has one.
+    /// A new, empty draft for the path `place`. `None` if another program has a draft for this path.
     pub(super) fn new(place: &Path) -> io::Result<Option<Self>> {
         let path = beside(place, DRAFT);
         for _ in 0..ATTEMPTS {
@@ -142,7 +143,7 @@ impl io::Write for Draft {
     }
 }
 
-/// Tries to lock the file. On a file system without locks it always returns `true`.
+/// Tries to lock the file. The result is always `true` on a file system without locks.
 fn is_locked_by_us(file: &File) -> io::Result<bool> {
     match file.try_lock() {
         Ok(()) => Ok(true),
@@ -152,7 +153,7 @@ fn is_locked_by_us(file: &File) -> io::Result<bool> {
     }
 }
 
-/// Removes a draft or a backup if its program has ended. Returns `false` if it is still in use.
+/// Removes a draft or a backup if its program has ended. Returns `false` if the file is still in use.
 fn remove_left_over(path: &Path) -> io::Result<bool> {
     let is_plain = fs::symlink_metadata(path).is_ok_and(|found| found.is_file());
     let file = match File::open(path) {
@@ -190,14 +191,14 @@ fn is_at(file: &File, path: &Path) -> bool {
     }
 }
 
-/// Whether both are metadata of the same file. Its paths may differ.
+/// Whether both are metadata of the same file, possibly under different paths.
 #[cfg(unix)]
 pub(super) fn is_same(one: &fs::Metadata, other: &fs::Metadata) -> bool {
     use std::os::unix::fs::MetadataExt as _;
     (one.dev(), one.ino()) == (other.dev(), other.ino())
 }
 
-/// Other systems have no such numbers. There the paths are compared.
+/// Only on Unix do the metadata identify a file. On other systems the caller compares the paths.
 #[cfg(not(unix))]
 pub(super) fn is_same(_: &fs::Metadata, _: &fs::Metadata) -> bool {
     false

@@ -22,7 +22,7 @@ pub fn marked<T: Serialize>(scene: &Scene, body: T) -> impl Serialize {
     Marked { body: InUnits(scene.units, body), estimated: scene.estimated_keys() }
 }
 
-/// Prints the result of a command. With `--json` this is one object, otherwise the text with a note below it.
+/// Prints the result of a command. With `--json` one object is printed, otherwise the text and a note below the text.
 pub fn print_of(
     json: bool,
     scene: &Scene,

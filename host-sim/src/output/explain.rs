@@ -23,7 +23,7 @@ fn noise(value: f64) -> String {
 /// Number of changes whose boundaries are in the figure.
 const DRAWN: usize = 4;
 
-/// Factor of the area, with its range. `?`: the start positions cannot distinguish the factor from 1.
+/// Factor of the area, with its range. A `?` means that the start positions cannot distinguish the factor from 1.
 fn times(row: &Row<'_>) -> String {
     let Some(times) = row.times() else { return String::new() };
     let [mean, low, high] = times.map(digits);
@@ -31,7 +31,7 @@ fn times(row: &Row<'_>) -> String {
     format!("{mean}{mark} ({low} to {high})")
 }
 
-/// Area times `times`. `>`: the area is limited by a cap of the walk.
+/// The area, multiplied by `times`. A `>` means that a cap of the walk limits the area.
 fn area(row: &Row<'_>, times: f64) -> String {
     let cut = if row.one.boundaries.capped() > 0 { ">" } else { "" };
     format!("{cut}{}", digits(row.one.area()[0] * times))
@@ -86,7 +86,7 @@ impl ExplainReport<'_> {
         let (unit, factor) = self.units.written("N² s/m²");
         let Explanation { base, changes, .. } = self.found;
         let areas = [base].into_iter().chain(changes).map(|one| one.area()[0] * factor);
-        // power of the scene's own area; if that is 0, of the first area above 0
+        // the scene's own area determines the exponent, or the first area above 0 if the scene's own area is 0
         let power = areas.into_iter().find(|area| *area > 0.0).map_or(0.0, thousands);
         let area_unit = if power == 0.0 { unit.into() } else { format!("10^{power} {unit}") };
         Spoken { k, v, area_unit, area: factor / 10f64.powf(power) }

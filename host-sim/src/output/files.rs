@@ -1,7 +1,8 @@
 //! Writes all results. Either all files of a command appear, or none. Each file is first written to a draft beside its
 //! final path, and flushed. Then all drafts are renamed.
 //!
-//! A path is made real first. It must not be an input or another result, and no other program may write it meanwhile.
+//! First all links in a path are resolved. The path must not be an input or another result, and no other program may
+//! write to this path at the same time.
 
 use std::{
     fs::{self, File},
@@ -25,7 +26,7 @@ use crate::{
 const CSV: &str = ".csv";
 const PARQUET: &str = ".parquet";
 
-/// Name of the file that is written last. If it exists, the result is complete.
+/// Name of the file that is written last. If this file exists, the result is complete.
 pub const MANIFEST: &str = "manifest.json";
 
 #[derive(Debug)]
@@ -58,7 +59,7 @@ struct Output {
     place: PathBuf,
     draft: io::BufWriter<Draft>,
     is_written: bool,
-    /// CSV text, with the format to which it is converted when it is complete.
+    /// CSV text, and the format to which the complete text is converted.
     table: Option<(Format, About, String)>,
 }
 
@@ -69,7 +70,7 @@ struct Folder {
     /// Names of all files that a result may have.
     possible: Vec<String>,
     manifest: Place,
-    /// Text of the manifest. The tables in `tables` also contain it.
+    /// Text of the manifest. The tables in `tables` also contain this text.
     told: String,
     tables: Vec<Place>,
 }
@@ -95,8 +96,8 @@ impl Outputs {
     /// Reserves a file. The file appears after [`commit`](Self::commit).
     ///
     /// # Errors
-    /// [`Error::Input`] if it cannot be written, exists, is an input or another output, or if another program writes
-    /// it.
+    /// [`Error::Input`] if the file cannot be written, exists, is an input or another output, or if another program
+    /// writes the file.
     pub fn file(&mut self, path: &Path) -> Result<Place, Error> {
         let (place, draft) = self.reserve(path)?;
         self.refuse(path, &place, None)?;
@@ -120,7 +121,8 @@ impl Outputs {
         path.map(|path| self.file(path)).transpose()
     }
 
-    /// Reserves the file of a table, if its option is given. Commands write CSV to it. The ending selects the format.
+    /// Reserves the file of a table, if its option is given. Commands write CSV to the file. The ending of the file's
+    /// name selects the format.
     ///
     /// # Errors
     /// The errors of [`file`](Self::file) and of [`Format::of`].
@@ -339,12 +341,12 @@ impl Outputs {
         }
     }
 
-    /// Moves all written files to their paths, or none. In a result folder, the older manifest is removed first, with
-    /// the older files that the new result does not have. The new manifest is moved last. So a folder with a manifest
-    /// always has one complete result.
+    /// Moves all written files to their paths, or none. In a result folder, the older manifest is removed first,
+    /// together with older files that are not in the new result. The new manifest is moved last. So a folder with a
+    /// manifest always has one complete result.
     ///
     /// # Errors
-    /// [`Error::File`] on a full disk, or if a folder has changed meanwhile. [`Error::Input`] in the cases of
+    /// [`Error::File`] on a full disk, or if a folder was changed by another program. [`Error::Input`] in the cases of
     /// [`file`](Self::file). After an error all files are as before.
     pub fn commit(mut self) -> Result<(), Error> {
         for folder in &self.folders {
@@ -419,7 +421,7 @@ impl Drop for Outputs {
     }
 }
 
-/// The path with all links and `.` in its folder resolved. A link at its end is kept.
+/// The path with all links and `.` in its folder resolved. A link at the end of the path is kept.
 fn real(path: &Path) -> Result<PathBuf, Error> {
     let folder = folder_of(path);
     let folder = fs::canonicalize(folder).map_err(|error| {
@@ -435,14 +437,14 @@ pub(super) fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// Makes renames permanent, even after a power failure, if the system supports it.
+/// Makes renames permanent, even after a power failure, if the system supports this.
 pub(super) fn sync_folder(folder: &Path) {
     if let Ok(folder) = File::open(folder) {
-        let _ = folder.sync_all(); // some file systems do not support it
+        let _ = folder.sync_all(); // some file systems do not support this call
     }
 }
 
-/// Whether a figure's file is SVG. Otherwise it is PNG.
+/// Whether a figure's file is SVG. Otherwise the file is PNG.
 fn is_svg(path: &Path) -> Result<bool, Error> {
     match path.extension().and_then(|extension| extension.to_str()) {
         Some("svg") => Ok(true),

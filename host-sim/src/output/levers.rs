@@ -147,7 +147,8 @@ impl LeverStudy {
         self.results.iter().map(summary).collect()
     }
 
-    /// The tables for people, one for each limit and push. A sentence on the first limit of the scene's walls follows.
+    /// The tables for people, one for each limit and push. A sentence after the tables says what limits the scene's
+    /// walls first.
     pub fn text(&self) -> String {
         let mut text = String::from(
             "when the loop acts: area at the ideal cutoff, 10^6 N^2 s/m^2, with the ideal range in Hz; > cut at a cap",
@@ -256,7 +257,8 @@ impl LeverStudy {
     pub const CAPTION: &str = "The area at the ideal cutoff where the same device acts sooner and more often, and what an \
                                amplifier and a transmission leave of it.";
 
-    /// The figure: area at the ideal cutoff over the output period, with one panel for each limit. The motor pushes.
+    /// The figure: area at the ideal cutoff over the output period, with one panel for each limit. The push is the
+    /// motor's push.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let Some(&push) = self.question.pushes.first() else { return Ok(None) };
         let mut loops: Vec<&str> = vec![];
@@ -282,8 +284,8 @@ impl LeverStudy {
         self.panels(scene, texts, push, series)
     }
 
-    /// Areas at the ideal cutoff over `x_of` of each loop, a panel for each limit. Loops with `None` are not on this
-    /// line.
+    /// A line of areas at the ideal cutoff over `x_of` of each loop, in a panel for each limit. Loops with `None` are
+    /// not on the line.
     pub(super) fn line(
         &self,
         name: String,

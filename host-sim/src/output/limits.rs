@@ -191,7 +191,8 @@ impl LimitStudy {
                                RMS, and for each multiple of what a hand feels (a model, unless wall_hit.felt_curve names \
                                a curve).";
 
-    /// The figure: ideal cutoff over the limit, with the scene's own hand. One panel for RMS limits, one for levels.
+    /// The figure: ideal cutoff over the limit, with the scene's own hand. One panel has the RMS limits, the other
+    /// panel the sensation levels.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let kinds = [false, true].into_iter().filter(|felt| {
             self.results.iter().any(|result| matches!(result.limit, Limit::Felt(_)) == *felt)

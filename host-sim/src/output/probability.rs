@@ -48,7 +48,7 @@ pub struct ProbabilitySummary {
     draws: u32,
     /// Cutoff with the largest area in the worst 5 % of the draws. `null` if this area has no lower bound.
     recommended_cutoff_hz: Option<f64>,
-    /// Cutoffs that the draws cannot distinguish from the recommended one.
+    /// Cutoffs that the draws cannot distinguish from the recommended cutoff.
     alike_hz: Vec<f64>,
     cutoffs: Vec<CutoffProbability>,
     contour: Option<ContourSummary>,

@@ -119,8 +119,8 @@ impl RateStudy {
 
     pub const CAPTION: &str = "The area at the ideal cutoff where the same device looks and acts more or less often, the latency the same.";
 
-    /// The figure: area at the ideal cutoff over the output rate. A line is an encoder rate, a panel a limit. The motor
-    /// pushes.
+    /// The figure: area at the ideal cutoff over the output rate. Each line belongs to an encoder rate, each panel to a
+    /// limit. The push is the motor's push.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let Some(&push) = self.0.question.pushes.first() else { return Ok(None) };
         let line = |(n, encoder): (usize, f64)| {

@@ -38,7 +38,7 @@ struct Row {
     protocols: Vec<ProtocolRow>,
 }
 
-/// Largest K at which a wall with this B is quiet in another protocol. `null` if there is none, or without a test.
+/// Largest K at which a wall with this B is quiet in another protocol. `null` if no K is quiet, or if no test was made.
 #[derive(Clone, Debug, Serialize)]
 struct ProtocolRow {
     protocol: &'static str,

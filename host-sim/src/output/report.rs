@@ -35,13 +35,13 @@ pre{margin:0;padding:.8rem 1rem;overflow-x:auto;font-size:.82rem;line-height:1.4
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
-    /// Small line above the answer, which is also the page's title: scene and resolution.
+    /// Scene and resolution: the small line above the answer, and the title of the page.
     pub title: String,
     /// Smallest nominal cutoff that is as good as the best cutoff. `None` if no wall was stable.
     pub ideal_cutoff_hz: Option<f64>,
     /// First and last nominal cutoff that the repeats cannot distinguish from the ideal cutoff.
     pub ideal_cutoff_range_hz: Option<[f64; 2]>,
-    /// The recommended cutoff. If it is absent, the ideal cutoff is the answer.
+    /// The recommended cutoff. Without a recommended cutoff, the ideal cutoff is the answer.
     pub answer: Option<String>,
     pub figures: Vec<ReportFigure>,
     pub units: Units,

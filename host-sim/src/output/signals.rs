@@ -18,11 +18,11 @@ const GRACE: Duration = Duration::from_millis(400);
 /// Time to print the error message. The reader of stderr may hang.
 const LAST_WORDS: Duration = Duration::from_millis(100);
 
-/// Starts to listen to signals. A command has 0.4 s to end after a signal. If it does not end, `clean` removes
+/// Starts to listen to signals. A command has 0.4 s to end after a signal. If the command does not end, `clean` removes
 /// unfinished files, `report` prints the error, and the process ends with [`INTERRUPTED`].
 ///
 /// # Errors
-/// The system does not allow it, or this function was called before.
+/// The system does not allow this program to listen, or this function was called before.
 pub fn watch(clean: fn(), report: fn()) -> Result<(), Error> {
     let ended = move || {
         interrupt::flag().store(true, Ordering::Relaxed);

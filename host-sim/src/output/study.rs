@@ -1,4 +1,4 @@
-//! The folder of a study. It has a description (`study.json`), one part for each unit, and a manifest that lists the
+//! The folder of a study contains a description (`study.json`), one part for each unit, and a manifest that lists the
 //! complete parts (`manifest.jsonl`).
 //!
 //! A part is written completely (draft, flush, rename). Then a line is appended to the manifest, and the manifest is
@@ -155,7 +155,7 @@ impl From<&Made> for Part {
     }
 }
 
-/// The folder of a study. Only one run can have it open at a time.
+/// The folder of a study. Only one run at a time can have the folder open.
 #[derive(Debug)]
 pub struct Folder {
     path: PathBuf,
@@ -166,7 +166,7 @@ pub struct Folder {
     whole: u64,
     inputs: Vec<PathBuf>,
     is_resumed: bool,
-    /// Holds the lock on the study.
+    /// Keeps the lock on the study.
     _head: File,
 }
 
@@ -174,8 +174,8 @@ impl Folder {
     /// Opens the folder at `path`. A folder that already has the study is only opened with `resume`.
     ///
     /// # Errors
-    /// [`Error::Input`] in these cases: the folder has a study and `resume` is not set; it has another study; another
-    /// run has it open; it cannot be written. [`Error::File`] on a full disk.
+    /// [`Error::Input`] in these cases: the folder has a study and `resume` is not set; the folder has another study;
+    /// another run has the folder open; the folder cannot be written. [`Error::File`] on a full disk.
     pub fn open(
         path: &Path,
         study: &Study,

@@ -86,15 +86,15 @@ pub struct Study {
     pub result: SweepResult,
     /// For each cutoff, the walls that the firmware may render.
     pub envelopes: Vec<Envelope>,
-    /// The sensitivity study. Empty if the user has not asked for it.
+    /// The sensitivity study. Empty if the user has not asked for this study.
     pub variants: Vec<VariantResult>,
-    /// The study of other limits. `None` if the user has not asked for it.
+    /// The study of other limits. `None` if the user has not asked for this study.
     pub limits: Option<LimitStudy>,
-    /// The study of other loops. `None` if the user has not asked for it.
+    /// The study of other loops. `None` if the user has not asked for this study.
     pub levers: Option<LeverStudy>,
-    /// The study of other rates. `None` if the user has not asked for it.
+    /// The study of other rates. `None` if the user has not asked for this study.
     pub rates: Option<RateStudy>,
-    /// The probabilities of walls. `None` if the user has not asked for them.
+    /// The probabilities of walls. `None` if the user has not asked for probabilities.
     pub probability: Option<ProbabilityStudy>,
     /// Reason why the default second limit was left out.
     pub limits_left_out: Option<String>,
@@ -274,7 +274,7 @@ impl Study {
         outputs.add(to, MANIFEST, json(&manifest)?)
     }
 
-    /// The recommendation, and the study of all cutoffs that were tried for it.
+    /// The recommendation, and the study of all cutoffs that were tried for this recommendation.
     fn recommended(&self) -> Option<(&QuietStudy, &Recommended)> {
         let quiet = self.quiet.as_ref()?;
         Some((quiet, quiet.recommended.as_ref().ok()?))
@@ -346,7 +346,8 @@ impl Study {
         })?)
     }
 
-    /// The caption of a figure by the scene's own criterion. It says so if the recommendation has another one.
+    /// The caption of a figure by the scene's own criterion. If the recommendation has another criterion, the caption
+    /// says so.
     fn by_its_own(&self, caption: &str) -> String {
         let Some(_) = self.recommended() else { return caption.into() };
         let criterion = self.scene.scene.wall_hit.criterion.name();

@@ -1,11 +1,11 @@
 //! Tables of results. The ending of a file selects its format: CSV, Parquet or MCAP.
 //!
-//! A command writes CSV. Other formats are converted from this text, so their values are those of the CSV. Parquet and
+//! A command writes CSV. Other formats are converted from this text, so all formats have the same values. Parquet and
 //! MCAP need the feature `open-files`.
 //!
-//! A column has 64-bit floats if it is an area, or if its name ends in a unit other than a count. This does not depend
-//! on its cells, so all parts of a study have one schema. For other columns the cells decide: 64-bit integers if all
-//! cells are integers, floats if all are numbers, else text. An empty cell is null.
+//! A column has 64-bit floats if the column is an area, or if its name ends in a unit other than a count. This rule
+//! does not depend on the cells, so all parts of a study have one schema. For other columns the cells decide: 64-bit
+//! integers if all cells are integers, floats if all cells are numbers, else text. An empty cell is null.
 
 use std::path::Path;
 
@@ -57,7 +57,7 @@ impl Format {
         format.is_there(&shown.to_string()).map(|()| format)
     }
 
-    /// Checks that this build has the format. `what` names the option that needs it.
+    /// Checks that this build has the format. `what` names the option that needs the format.
     ///
     /// # Errors
     /// [`Error::Input`] if this build lacks the format.
@@ -101,7 +101,7 @@ pub fn bytes(_: Format, csv: &str, _: &About) -> Result<Vec<u8>, Error> {
     Ok(csv.into())
 }
 
-/// Endings of column names that scenes do not have: ending, unit, whether the values are whole numbers.
+/// Endings of column names, beside those of scene keys: ending, unit, whether the values are whole numbers.
 const UNITS: [(&str, &str, bool); 5] = [
     ("_fraction", "1", false),
     ("_counts", "counts", true),

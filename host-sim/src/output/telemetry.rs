@@ -30,7 +30,7 @@ pub fn telemetry_figure(
     scene: Option<&Scene>,
 ) -> Result<Figure, Error> {
     let records = capture.longest_run();
-    // Records have equal distances in time. A larger distance means that records are missing.
+    // The records have equal distances in time. A larger distance means that records are missing.
     let usual = records.windows(2).map(|pair| pair[1].sample - pair[0].sample).min();
     let mut before = None;
     let points = records.iter().map(|record| {

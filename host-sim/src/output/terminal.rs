@@ -37,7 +37,7 @@ struct Headed<'a, T: Serialize> {
     body: T,
 }
 
-/// An error as JSON for programs. It is printed on stdout in place of the result.
+/// An error as JSON for programs. This object is printed on stdout in place of the result.
 #[derive(Serialize)]
 struct Failed<'a> {
     error: JsonError<'a>,
@@ -64,7 +64,7 @@ pub fn run<T: Parser>(execute: impl FnOnce(T) -> Result<(), Error>) -> u8 {
     error.exit_code()
 }
 
-/// The parsed command line. If help, version or an error was printed instead: the exit code.
+/// The parsed command line, or the exit code if help, version or an error was printed instead.
 fn parse<T: Parser>() -> Result<T, u8> {
     let matches = T::command().try_get_matches();
     let cli = matches.and_then(|mut matches| {

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// The CSV of a trace, one row per sample. The columns:
-/// - `force_n`: the commanded force, held between outputs.
+/// - `force_n`: the commanded force, constant between outputs.
 /// - `output_n`: the force on the handle at the end of the sample, after latency and output quantisation.
 /// - `flags`: the sum of the bits in [`trace`](crate::simulation::trace).
 /// - `port_energy_j`: the energy that the wall has taken in this contact, see [`zwidth::port`].

@@ -8,7 +8,7 @@ use lab_trade::{
     table::{filter_points, pareto, plant_points},
 };
 
-/// Cutoffs in the Pareto figure, Hz. The nearest cutoff that was tried is shown for each of them.
+/// Cutoffs in the Pareto figure, Hz. For each of these cutoffs, the figure shows the nearest cutoff that was tried.
 const SHOWN_HZ: [f64; 4] = [1.0, 20.0, 200.0, 2000.0];
 /// Variants that the figure over the cutoff shows.
 const FOLLOWED: [(Format, Form); 8] = [

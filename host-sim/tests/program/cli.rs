@@ -168,7 +168,7 @@ fn bad_arguments_are_refused_with_option_value_and_range() {
     }
 }
 
-/// The cutoff of a `hit`, or null if the command fails. Also its text on stderr.
+/// The cutoff of a `hit`, or null if the command fails, and the command's text on stderr.
 fn cutoff_of(folder: &Path, option: &[&str]) -> (Value, String) {
     let args = [&["hit", "mine.toml", "--json"], &WALL[2..], option].concat();
     let output = sim(folder, &args);
@@ -364,7 +364,7 @@ fn results_are_complete_the_same_for_any_thread_count_and_not_replaced_unasked()
         assert!(!bytes("one").is_empty());
     }
     assert_eq!(fs::read_dir(folder.path().join("one")).unwrap().count(), names.len());
-    // every wall of the envelope that the grid of hits also has is stable
+    // a wall that is in the envelope and in the grid of hits must be stable
     let envelope = fs::read_to_string(folder.path().join("one/envelope.csv")).unwrap();
     let row = envelope.lines().find(|line| line.starts_with("paper-2um,butterworth,200,10,10,60,"));
     let mut ends = row.unwrap().rsplit(',').map(|end| end.parse::<f64>().unwrap());
@@ -466,7 +466,8 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     assert!(csv.starts_with(&format!("{head}stiffness_passive_n_per_m\n")), "{csv}");
     let text = String::from_utf8(sim(folder.path(), &passive).stdout).unwrap();
     assert!(text.contains("not part of the passivity condition: actuator.period"), "{text}");
-    // with the scene's own loop: K < b / (T/2 + t_d) = 5.5195 / 1.5 ms, slightly inside its envelope of 3693 N/m
+    // with the scene's own loop: K < b / (T/2 + t_d) = 5.5195 / 1.5 ms, slightly inside this loop's envelope of 3693
+    // N/m
     let output = sim(folder.path(), &[&passive[..], &["--json", "--multirate"]].concat());
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     let row = &json["rows"][0];

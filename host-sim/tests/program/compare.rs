@@ -69,7 +69,8 @@ fn the_result_is_complete_the_same_for_any_thread_count_and_names_winners() {
     assert!(area_winner["butterworth_rank"].as_u64().unwrap() <= 2);
     assert_eq!(area_winner["class"], "position_only");
     assert!(json["impedance_error_of_loop"].as_f64().unwrap() > 0.0);
-    // all tunings that were tried, with two walks each except for those that lost early; whether the search converged
+    // the file has all tunings that were tried, and whether the search converged; each tuning has two walks, except for
+    // tunings that lost early
     let tuning = fs::read_to_string(folder.path().join("a/tuning.csv")).unwrap();
     let tried = |name: &str| tuning.lines().filter(|line| line.starts_with(name)).count();
     assert!((4..=6).contains(&tried("butterworth")) && tried("difference") == 0, "{tuning}");
@@ -100,7 +101,7 @@ fn the_result_is_complete_the_same_for_any_thread_count_and_names_winners() {
     assert_eq!(json["walls"].as_array().unwrap().len(), 3);
     let (code, _, error) = compare(folder.path(), &[few, "--out", "a"]);
     assert!(code == 2 && error.contains("--force"), "{error}");
-    // the wall for contacts is that of the tuned Butterworth, even if the list does not have Butterworth
+    // the wall for contacts comes from the tuned Butterworth, even if the list does not contain Butterworth
     let (_, alone, _) =
         compare(folder.path(), &["--json", "--estimators=difference", "--out", "c"]);
     let alone: Value = serde_json::from_str(&alone).unwrap();
@@ -128,7 +129,8 @@ fn force_is_compared_at_a_damping_that_the_boundary_reaches() {
     }
 }
 
-/// By default walls must be quiet, on a special grid. The area by the scene's own criterion is that of a walk.
+/// By default walls must be quiet, on a special grid. The area by the scene's own criterion is the same as the area
+/// from `walk`.
 #[test]
 fn quiet_walls_rank_and_the_scene_s_criterion_stands_beside() {
     let folder = TempDir::new().unwrap();
@@ -227,7 +229,8 @@ fn the_terminal_gets_tables_of_at_most_120_columns_with_what_each_estimator_need
     let words = text.split_whitespace().collect::<Vec<_>>().join(" ");
     let stars = text.matches('*').count() - 1; // one star is in the heading
     assert!(stars > 0 && stars == words.matches("is an end of its range").count(), "{text}");
-    // each estimator has the same number of tunings, and four times as many with two parameters
+    // each estimator with one parameter has the same number of tunings; an estimator with two parameters has four times
+    // as many
     let tuning =
         fs::read_to_string(folder.path().join("zwidth-out/coarse/compare/tuning.csv")).unwrap();
     for (name, most) in
@@ -244,7 +247,7 @@ fn the_terminal_gets_tables_of_at_most_120_columns_with_what_each_estimator_need
     for row in &rows[1..] {
         let model = row[0] == "observer";
         assert_eq!(!row[column("left_when_mass_low")].is_empty(), model, "{row:?}");
-        // motor or hand only makes a difference for estimators that use the motor's force
+        // only for estimators that use the motor's force does it matter whether motor or hand pushes
         let [hand, motor] =
             ["phase_100_hz_hand_deg", "phase_100_hz_motor_deg"].map(|k| row[column(k)]);
         assert_eq!(hand != motor, model, "{row:?}");
@@ -272,8 +275,8 @@ fn bad_arguments_are_refused_with_what_is_allowed() {
     assert!(!folder.path().join("zwidth-out").exists());
 }
 
-/// The published order of estimators, against an untuned filter of 50 Hz. A tuned one is as good:
-/// docs/lab/comparison.md.
+/// The published order of estimators, compared with an untuned filter of 50 Hz. A tuned filter is as good as the best
+/// of these estimators: see docs/lab/comparison.md.
 #[test]
 #[ignore = "a search of eight estimators; CI runs it"]
 fn levant_windowing_and_kalman_raise_the_stiffest_wall_of_an_untuned_filter() {

@@ -89,7 +89,7 @@ fn bad_input_is_one_line_and_leaves_no_file() {
     }
 }
 
-/// The engine may use at most 300 MB for a million points, because it streams them.
+/// The engine streams the points, so a million points may use at most 300 MB.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_million_walls_take_less_than_300_mb() {

@@ -20,7 +20,7 @@ use crate::{
 
 /// Longest time from a signal to the program's end.
 const ENDS_IN: Duration = Duration::from_secs(1);
-/// Longest time of a command that is not interrupted. After this time the test kills it.
+/// Longest time of a command that is not interrupted. After this time the test kills the command.
 const TAKES: Duration = Duration::from_secs(20);
 
 /// The command with at most 2 GB of address space, and with fewer processors than threads.
@@ -128,7 +128,7 @@ fn every_command_ends_within_a_second_of_a_signal() {
     let hit: Vec<&str> = hit.iter().map(String::as_str).collect();
     let dampings = ["--cutoffs", "1001:1:1100", "--dampings", "0:0.1:999.9"];
     let grid = ["grid", "mine.toml", "--cutoffs", "500", "--dampings", "20", "--stiffnesses"];
-    // The fit is the first case, because it could end before its interruption.
+    // The fit is the first case, because a later fit could end before its interruption.
     let cases: [(&str, Vec<&str>); 11] = [
         ("-TERM", vec!["identify", "log.csv", "--gain", "0.6", "--out", "o.toml"]),
         ("-INT", vec!["walk", "pipe", "--cutoff", "500", "--csv", "w.csv"]),

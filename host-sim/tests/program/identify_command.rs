@@ -101,7 +101,7 @@ fn positions_in_mm_are_named_as_the_likely_cause() {
     in_mm(1000.0, "mm.csv");
     let args = ["identify", "mm.csv", "--gain", "0.5906"];
     refused(folder, &args, "are these mm?");
-    // without counts, a wrong unit is only visible by an implausible travel or mass
+    // without counts, only an implausible travel or mass shows that a unit is wrong
     refused(
         folder,
         &[&args[..], &["--resolution", "0"]].concat(),
@@ -328,7 +328,8 @@ fn terms_are_asked_for_by_name_and_become_elements() {
     refused(folder, &[&plain[..4], &["--offset"]].concat(), "give --rest-position");
     refused(folder, &[&plain[..4], &["--friction", "--terms", "none"]].concat(), "--terms");
     refused(folder, &[&plain[..4], &["--encoder-cycle", "2"]].concat(), "--encoder-cycle is 2");
-    // the option moves the spring's rest position by 1 mm, so a constant force must hold the spring
+    // the option moves the spring's rest position by 1 mm, so the fit must find a constant force that balances the
+    // spring
     let asked = [&plain[..], &["--rest-position", "0.0507", "--out", "pushed.toml"]].concat();
     let json: serde_json::Value = serde_json::from_str(&done(folder, &asked)).unwrap();
     let force_n = json["terms"]["offset_n"]["value"].as_f64().unwrap();

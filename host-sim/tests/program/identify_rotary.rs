@@ -14,7 +14,7 @@ const PULSE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/pulse.bin"
 /// Relative tolerance. Results have twelve digits.
 const ROUNDING: f64 = 1e-10;
 
-/// `known.toml` as a rotary scene with a ratio of 2. With `resistance_ohm` it has a voltage amplifier.
+/// `known.toml` as a rotary scene with a ratio of 2. With `resistance_ohm` the scene has a voltage amplifier.
 fn rotary(resistance_ohm: Option<f64>) -> String {
     let r = RADIUS_M;
     let known: toml::Table = KNOWN.parse().unwrap();
@@ -121,7 +121,7 @@ fn a_column_of_angles_is_read_and_one_of_metres_is_refused() {
     assert!(line.contains("no column position_rad"), "{line}");
 }
 
-/// Errors and warnings are about angles. They name options and columns of a rotary scene.
+/// Errors and warnings are about angles. The messages name options and columns of a rotary scene.
 #[test]
 fn what_is_wrong_with_a_record_is_said_about_the_axis() {
     let folder = TempDir::new().unwrap();

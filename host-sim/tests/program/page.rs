@@ -1,4 +1,4 @@
-//! Compares `docs/files.md` with the files and the JSON of the program. Tests of the commands call it.
+//! Compares `docs/files.md` with the files and the JSON of the program. Tests of the commands call these functions.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! `prepare`: makes the device records of the boards' images. Also tests its errors.
+//! `prepare`: the device records for the boards' images, and the errors of the command.
 
 use std::{fs, path::Path};
 
@@ -14,7 +14,7 @@ use crate::cli::{refused, sim};
 
 const NUCLEO: &str = include_str!("../../../scenes/nucleo-f446re.toml");
 
-/// A scene for the NUCLEO with short walks. In its text, each `from` is replaced with its `to`.
+/// A scene for the NUCLEO with short walks. In the scene's text, each `from` is replaced with the `to` of its pair.
 fn scene(edits: &[(&str, &str)]) -> TempDir {
     let mut text = NUCLEO.to_owned();
     let short = [
@@ -58,7 +58,7 @@ fn the_first_cutoff_is_the_boards_then_the_filters() {
     assert_ne!(of_first["recommended"], made["recommended"]);
 }
 
-/// `prepare` and `sweep` recommend the same cutoff. There is a note if the first cutoff is outside the range.
+/// `prepare` and `sweep` recommend the same cutoff. A note appears if the first cutoff is outside the range.
 #[test]
 fn it_says_which_cutoff_to_dial_in() {
     let folder = scene(&[]);
@@ -137,7 +137,7 @@ fn a_record_has_what_the_scene_says_and_the_envelope_of_all_that_it_lists() {
     assert_eq!([of(0), of(1)], [("first-order", 360.0, 10), ("first-order", 500.0, 10)]);
     assert_eq!([of(3), of(9)], [("first-order", 360.0, 5), ("butterworth", 1500.0, 5)]);
     assert!(keys.iter().all(|(.., rows)| *rows > 0), "{keys:?}");
-    // the device is the same after a change of a comment, and another one after a change of a number
+    // the device is the same after a change of a comment, and another device after a change of a number
     let text = fs::read_to_string(path.join("mine.toml")).unwrap();
     for (text, same) in [
         (format!("# the same\n{text}"), true),
@@ -154,7 +154,8 @@ fn a_record_has_what_the_scene_says_and_the_envelope_of_all_that_it_lists() {
     }
 }
 
-/// The record has predicted walls for each design and output period: those of the scene with this design.
+/// The record has predicted walls for each design and output period. The walls are the same as for the scene with this
+/// design.
 #[test]
 fn a_design_has_rows_of_its_own_for_every_period() {
     let edits = [(
@@ -200,7 +201,7 @@ fn a_design_has_rows_of_its_own_for_every_period() {
     };
     for period in [10, 5] {
         assert!(!rows(2, 555.0, period).is_empty());
-        // A design that equals one of the scene's cutoffs has the walls of this cutoff.
+        // A design with the same filter as one of the scene's cutoffs has the walls of this cutoff.
         assert_eq!(rows(1, 1500.0, period), rows(0, 1500.0, period));
     }
     let mut stored = device.defaults();

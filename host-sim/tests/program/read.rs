@@ -38,7 +38,7 @@ fn a_record_becomes_a_scene_whose_record_says_the_same() {
     assert_eq!(read["scene"]["motor"]["continuous_force_n"], Value::from(4.1));
     assert!(read["settings"].is_null() && read["radius_m"].is_null());
     assert!(read["rows"].as_u64().unwrap() > 100);
-    // The written scene is valid. Its record gives the same tables.
+    // The written scene is valid, and its record gives the same tables.
     let args = ["prepare", "back.toml", "--starter", "--board", "nucleo-f446re"];
     whole(run(place, &args));
     let again: Value =

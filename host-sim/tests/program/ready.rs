@@ -7,7 +7,7 @@ use tempfile::TempDir;
 
 use crate::cli::sim;
 
-/// Scene, cutoff, K and B of a wall that is far inside the stable range. Units are those of the scene.
+/// Scene, cutoff, K and B of a wall that is far inside the stable range. The numbers are in the scene's units.
 const WALLS: [(&str, [&str; 3]); 6] = [
     ("epfl-paddle", ["500", "20", "0.1"]),
     ("rice-paddle", ["500", "20", "0.1"]),
@@ -95,7 +95,8 @@ fn is_marked(folder: &Path, args: &[&str], before: &str) {
     assert_eq!(text.lines().filter(|line| line.starts_with(&note)).count(), 1, "{args:?}: {text}");
 }
 
-/// The estimator that `explain` finds is the best of a longer search, or its area is in the range of the best.
+/// The estimator that `explain` finds is the best estimator of a longer search, or its area is in the range of the best
+/// estimator's area.
 #[test]
 #[ignore = "an explanation and a comparison of each ready device; .ci/long runs it"]
 fn the_best_estimator_of_an_explanation_is_that_of_a_comparison() {

@@ -18,7 +18,7 @@ const BY_HAND: &str = include_str!("paddle/by-hand.toml");
 
 /// Keys of JSON whose texts contain numbers with units.
 const IN_WORDS: [&str; 5] = ["change", "what", "cost", "answers", "reason"];
-/// Relative tolerance of numbers in texts. They have four digits.
+/// Relative tolerance of numbers in texts. These numbers have four digits.
 const READ: f64 = 1e-3;
 /// Names for the encoder's counts: per turn, and per millimetre of the handle.
 const COUNTS: [(&str, &str); 1] = [("turn of the handle", "mm of handle")];
@@ -116,7 +116,7 @@ fn same_json(rotary: &Value, by_hand: &Value, factor: f64, what: &str) {
             assert_eq!(rotary.len(), by_hand.len(), "{what}");
             for (key, value) in by_hand {
                 let (told_key, mut factor) = told(key);
-                // the key is the value of a winner; its criterion gives the unit
+                // the key `value` is the value of a winner; the winner's criterion determines the unit
                 if let (Some(criterion), "value") = (by_hand.get("criterion"), key.as_str()) {
                     factor = told(criterion.as_str().unwrap()).1;
                 }
@@ -150,7 +150,7 @@ fn run(folder: &Path, args: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or_default()
 }
 
-/// Runs a command with both scenes, and compares the results. `tables` are the files that it writes.
+/// Runs a command with both scenes, and compares the results. `tables` are the files that the command writes.
 #[track_caller]
 fn same(rotary_args: &[&str], hand_args: &[&str], tables: &[&str]) {
     let (rotary, by_hand) = (scene(ROTARY), scene(BY_HAND));

@@ -1,4 +1,4 @@
-//! `schema`: scenes that the program can read are valid by it. Scenes with wrong types or ranges are invalid.
+//! `schema`: a scene that the program can read is valid by the schema. A scene with wrong types or ranges is invalid.
 
 use std::{fs, path::Path};
 

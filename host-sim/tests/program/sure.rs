@@ -58,7 +58,7 @@ fn a_map_says_how_far_the_impedance_is_off() {
     let counts = [0.05, 0.1, 0.2].map(usable);
     assert_eq!(said["usable"], serde_json::json!(counts));
     assert!(counts[0] < counts[2] && counts[0] > 0, "{counts:?}");
-    // the velocity of a filter of 100 Hz has a large delay, that of 1500 Hz a small one
+    // a filter of 100 Hz delays the velocity a lot, a filter of 1500 Hz only a little
     let worst = |cutoff: &str| {
         let errors = rows[1..].iter().filter(|row| row[0] == cutoff);
         errors.map(|row| row[5].parse::<f64>().unwrap()).fold(0.0, f64::max)

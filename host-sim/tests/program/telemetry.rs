@@ -35,7 +35,7 @@ fn a_capture_becomes_csv_and_one_json_object() {
     assert_eq!((of("first_sample"), of("last_sample")), (40, 60));
     let csv = fs::read_to_string(folder.path().join("out.csv")).unwrap();
     assert_eq!(csv.lines().last(), Some("6,60,0,0,0,0,0,0,0"));
-    // the figure has the units of the control core, or those of a scene
+    // the figure has the units of the control core, or the units of a scene
     for more in [&["--plot", "a.svg"][..], &["--plot", "b.png", "--scene", "paper-1um"]] {
         let args = [&["telemetry", "capture.bin"][..], more].concat();
         assert!(sim(folder.path(), &args).status.success());
@@ -105,7 +105,7 @@ fn a_capture_of_every_sample_is_checked_and_what_is_wrong_with_it_is_named() {
         );
         assert!(subset(&rows), "{bit}");
     }
-    // The reader stops for a while. It continues in the middle of a frame.
+    // The reader of the capture stops for a while, and continues in the middle of a frame.
     let (json, rows) = run(&[&whole[..at + 11], &whole[frames[900] + 9..]].concat());
     assert_eq!(json["gaps"].as_array().unwrap().len(), 1);
     assert!(json["first_difference"].is_null() && subset(&rows));

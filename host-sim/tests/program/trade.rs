@@ -40,7 +40,7 @@ fn trade(folder: &Path, extra: &[&str]) -> (i32, String, String) {
     (output.status.code().unwrap(), out, err)
 }
 
-/// A CSV without its last column. This column is a time on this machine.
+/// A CSV without its last column. The last column is a time on this machine.
 fn without_time(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap();
     assert!(text.lines().next().unwrap().ends_with(",host_ns"), "{path:?}");
@@ -75,7 +75,7 @@ fn two_runs_agree_to_the_last_digit_for_any_number_of_threads() {
     for name in ["filters.csv", "plant.csv"] {
         page::has_columns_of(name, &fs::read_to_string(a.join(name)).unwrap());
     }
-    // the exact step costs least; no more expensive method is more accurate
+    // the exact step is the cheapest method, and no other method is more accurate
     let plant = fs::read_to_string(a.join("plant.csv")).unwrap();
     let best: Vec<&str> = plant.lines().filter(|line| line.contains(",true,")).collect();
     assert!(best.len() == 1 && best[0].starts_with("exact,"), "{best:?}");
@@ -121,7 +121,7 @@ fn of(format: Format, form: Form) -> Variant {
 
 const CORE: Variant = Variant { format: Format::I32Feedback, form: Form::Direct1 };
 
-/// The facts about the core are those of tests/host/filter.rs, measured in another way.
+/// The facts about the core are the same as in tests/host/filter.rs, but measured in another way.
 #[test]
 fn the_core_is_as_its_own_tests_say() {
     let bench = bench();
@@ -214,7 +214,8 @@ fn noise_is_a_fraction_of_an_lsb_where_it_must_be() {
     assert!(noise(Format::F64, Form::Direct1).at_rest < f64::EPSILON);
 }
 
-/// The criteria of docs/lab/trade.md: a tenth of the encoder's error or one LSB; for the area 2 % beyond its scatter.
+/// The criteria of docs/lab/trade.md: an error may be a tenth of the encoder's error or one LSB. Response and cutoff
+/// may be wrong by 1 %. The area may change by 2 % more than its scatter.
 fn misses(criterion: Criterion, m: &Measured, exact: &Exact) -> bool {
     const LSB: f64 = 1.0 / 65_536.0;
     let within = |error: f64, encoder: f64| error <= 0.1 * encoder || error <= LSB;
@@ -291,7 +292,7 @@ fn a_filter_is_above_the_line_exactly_where_it_misses() {
         }
     }
     assert_eq!(seen.len(), 2 * Criterion::ALL.len(), "each is kept and missed: {seen:?}");
-    // here the LSB is the limit: the error is above a tenth of the encoder's error, and still below the line
+    // here the limit is the LSB: the error is above a tenth of the encoder's error, but below the line
     let core = filters.rows.iter().find(|row| row.variant == CORE && row.cutoff == 1).unwrap();
     let noise = core.measured.as_ref().unwrap().noise.in_motion;
     assert!(noise > 0.1 * filters.exact[1].encoder.in_motion, "{noise:e}");

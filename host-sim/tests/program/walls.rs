@@ -41,7 +41,7 @@ fn a_walk_whose_first_point_is_unstable_or_without_contact_says_so() {
 
 #[test]
 fn a_wall_that_still_settles_is_no_unstable_wall() {
-    // the device is heavy and slow: after 4 s in a stable wall it is not yet at rest
+    // the device is heavy and slow, so it is not yet at rest after 4 s in a stable wall
     let folder = scene("mass_kg = 0.4160", "mass_kg = 10.0");
     let line = refused(folder.path(), &["walk", "mine.toml", "--cutoff", "500"]);
     assert!(line.contains("still settles") && line.contains("wall_hit.settle_s"), "{line}");
@@ -101,7 +101,7 @@ fn a_velocity_beyond_its_range_is_refused_or_reported() {
         line.contains("more than 0.328 m/s") && line.contains("encoder.resolution_m"),
         "{line}"
     );
-    // slow enough from the scene's start position, but too fast from a start 10 mm before it
+    // slow enough from the scene's start position, but too fast from a start 10 mm before that position
     let slower = text.replace("push_n = 2.835", "push_n = 1.65");
     fs::write(folder.path().join("fine.toml"), slower).unwrap();
     let wall =

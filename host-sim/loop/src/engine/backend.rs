@@ -22,7 +22,7 @@ use crate::{
 pub enum Engine {
     /// The core itself runs one hit after another.
     Core,
-    /// The core's arithmetic, written again for vector lanes. Scenes without lanes run in the core itself.
+    /// The core's arithmetic, written again for vector lanes. Scenes that cannot run in lanes run in the core itself.
     Lanes(Backend),
 }
 
@@ -105,8 +105,9 @@ impl Backend {
     }
 }
 
-/// Number of vectors side by side. The processor works on one vector while the other waits for its last sample. Four
-/// vectors need more registers than there are, and make AVX-512 half as fast.
+/// Number of vectors that run side by side. While one vector waits for the result of its last sample, the processor
+/// works on the second vector. Four vectors need more registers than the processor has. With four vectors, AVX-512
+/// takes twice the time.
 const VECTORS: usize = 2;
 
 /// Whether the hits of a scene run in lanes. The plant must be linear, the encoder must have no errors, and the
@@ -175,7 +176,7 @@ fn each_numeric<'a, S: SimdOps, const R: usize>(
     each_plant(simd, task, &mut *controller, work)
 }
 
-/// Plants of four and six states run as plants of five and seven states. So fewer variants are compiled.
+/// Plants of four and six states run as plants of five and seven states, so that fewer variants are compiled.
 fn each_plant<'a, S: SimdOps, const R: usize>(
     simd: S,
     task: Task<'a>,

@@ -1,8 +1,8 @@
 //! The fixed-point core in lanes: estimators ([`super::estimator`]), [`Wall::demand`](zwidth::Wall::demand),
 //! [`Demand::saturate`](zwidth::units::Demand::saturate) and [`Actuator::command`](zwidth::Actuator::command).
 //!
-//! In lanes only the force saturates. [`LaneController::is_lost`] detects a hit near another limit. The core runs this
-//! hit.
+//! In lanes only the force saturates. [`LaneController::is_lost`] detects a hit that comes near any other limit of the
+//! core. The core itself then runs this hit.
 
 use pulp::WithSimd;
 use zwidth::{LoopParameters, SettingsError, units::Force};
@@ -67,7 +67,7 @@ struct Begin<'a> {
     beside: Beside<'a>,
 }
 
-/// Computes a hit's settings. It is not generic over the lanes, so it is compiled once.
+/// Computes a hit's settings. This function is not generic over the lanes, so it is compiled once.
 #[inline(never)]
 fn begin<'a>(
     prepared: &'a PreparedScene,

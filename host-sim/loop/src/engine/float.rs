@@ -1,4 +1,4 @@
-//! The `f64` twin in lanes: [`Twin`] with a common estimator. The operations have the same order as in [`Twin`].
+//! The `f64` twin in lanes: [`Twin`] with a common estimator. The order of operations is the same as in [`Twin`].
 
 use pulp::WithSimd;
 use zwidth::SettingsError;
@@ -22,7 +22,7 @@ pub struct FloatLoop<S: SimdOps, const R: usize> {
 }
 
 /// Gains of each lane: two weights of the last inputs, `b0`, both `a`, stiffness, damping, push. The weights are 2 and
-/// 1, 1 and 0, or none.
+/// 1, 1 and 0, or 0 and 0.
 type TwinGains<S> = [<S as pulp::Simd>::f64s; 8];
 
 #[derive(Clone, Copy)]

@@ -1,7 +1,8 @@
 //! Vectors of loops: the step of [`Simulation`](crate::simulation::Simulation), with one lane for each hit.
 //!
-//! All lanes of a batch share scene and time: outputs are due, and commands take effect, in the same samples. So a hit
-//! begins when an output is due. A command that a hit has not sent yet is 0 and changes nothing.
+//! All lanes of a batch share scene and time: in all lanes, outputs are due in the same samples, and commands take
+//! effect in the same samples. So a hit begins when an output is due. A command that a hit has not sent yet is 0 and
+//! changes nothing.
 
 #![expect(
     clippy::needless_range_loop,
@@ -20,17 +21,18 @@ mod watch;
 pub use actuation::Actuation;
 pub use watch::{Motion, Watched};
 
-/// Largest number of samples in a block. A block is computed stage by stage, so the plant runs ahead of the filter.
-/// Sample by sample, each step would wait for the step before, and take twice the time.
+/// Largest number of samples in a block. A block is computed stage by stage, so the plant runs ahead of the filter. If
+/// the samples were computed one by one, each step would wait for the step before it, and take twice the time.
 const BLOCK: usize = 16;
 const BLOCK_SAMPLES: u32 = 16;
 /// Largest number of samples that a controller takes in one call.
 pub const ROWS: usize = BLOCK + 1;
 
-/// A controller in lanes. Its functions are called once per block. They are compiled once per backend, not per plant.
+/// A controller in lanes. The functions of a controller are called once per block. These functions are compiled once
+/// per backend, not once per plant.
 pub trait LaneController<S: SimdOps, const R: usize> {
-    /// Puts the controller of a hit into a lane, at rest, with the settings of the scalar loop. Returns its surface,
-    /// counts.
+    /// Puts the controller of a hit into a lane, at rest, with the settings of the scalar loop. Returns the position of
+    /// the wall's surface, counts.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -47,7 +49,7 @@ pub trait LaneController<S: SimdOps, const R: usize> {
     /// Takes the handle's speeds, m/s, at the next samples.
     fn look(&mut self, _speeds: &[Row<S, R>]) {}
     /// Takes samples. `moved` is the change of the count since the sample before. If an output is `due` with the last
-    /// sample, returns the output, fraction of full scale. Otherwise the result is undefined.
+    /// sample, returns the output, fraction of full scale. If no output is due, the result is undefined.
     fn take(&mut self, moved: &[Row<S, R>], due: Option<&Due<S, R>>) -> Row<S, R>;
     /// Whether the hit has left the range in which lane and controller compute the same values.
     fn is_lost(&self, lane: usize) -> bool;
@@ -70,7 +72,7 @@ pub fn place<S: SimdOps>(lane: usize) -> (usize, usize) {
 /// Values of an output that all lanes share.
 #[derive(Clone, Copy)]
 pub struct OutputStage<S: SimdOps> {
-    /// Smallest force: 0 with `push_only`, else the smallest number of its type.
+    /// Smallest force: 0 with `push_only`, else the smallest number of the force's type.
     pub least: S::u64s,
     pub least_wall: S::f64s,
     /// Number of codes from 0 to full scale. `None` without quantisation.
@@ -101,7 +103,7 @@ pub struct Shared<S: SimdOps, const P: usize> {
     pub stage: OutputStage<S>,
 }
 
-/// State of a vector of hits. Each sample changes it.
+/// State of a vector of hits; each sample changes the state.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Moving<S: SimdOps, const P: usize> {
@@ -137,7 +139,7 @@ pub struct Kept<S: SimdOps> {
     pub origin: S::f64s,
     /// All bits are set while the lane is in its window.
     pub within: S::u64s,
-    /// First position of the window, m. All bits of `watching` are set from this position on.
+    /// First position of the window, m. All bits of `watching` are set from the sample of this position on.
     pub origin_m: S::f64s,
     pub watching: S::u64s,
 }
@@ -281,7 +283,8 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
             let samples = plain.min(BLOCK_SAMPLES);
             left -= samples;
             self.actuation.phase += samples;
-            // A block ends with a sample that has an output or an arriving command. A chunk may end before this sample.
+            // If a block reaches an event (an output, an arriving command) within the chunk, the sample with the event
+            // is the last sample of the block.
             let event = samples == plain && left > 0;
             let Some(block) = buffer.get_mut(..=samples as usize) else { return };
             let end = samples as usize + usize::from(event);

@@ -1,29 +1,32 @@
-//! Many wall hits side by side, one in each lane of a vector, with the results of the scalar loop bit for bit.
+//! Many wall hits side by side, one in each lane of a vector. The results are the same as in the scalar loop, bit for
+//! bit.
 //!
 //! # What a lane is
-//! A lane holds one hit: plant, encoder, controller, commands that have not taken effect yet, and sums of the window.
-//! All lanes of a batch share the scene and the time, so outputs are due in the same samples. Filter, K, B and start
-//! position differ from lane to lane. A lane whose hit is over gets the next hit at the next output. One lane runs all
-//! hits of a walk. `f64` lanes use the operations of the scalar loop in the same order, without contraction.
+//! A lane contains one hit: plant, encoder, controller, commands that have not taken effect yet, and sums of the
+//! window. All lanes of a batch share the scene and the time, so outputs are due in the same samples. Filter, K, B and
+//! start position differ from lane to lane. A lane whose hit is over gets the next hit at the next output. One lane
+//! runs all hits of a walk. `f64` lanes use the operations of the scalar loop in the same order, without contraction.
 //! Fixed-point lanes use the same integers.
 //!
 //! # What is written again
-//! The compiler does not vectorise the core's own functions if a loop over arrays calls them per lane. They take 8.6 ns
-//! a sample with AVX-512 enabled, as slow as one lane at a time. So the slowest stages are written again here:
+//! The compiler does not vectorise the core's own functions if a loop over arrays calls them per lane. In such a loop
+//! the functions take 8.6 ns per sample with AVX-512 enabled, as long as one lane at a time. So the slowest stages are
+//! written again here:
 //! - quantiser, difference, plant and sums;
 //! - low-pass (`estimator/low_pass.rs`, `float.rs`);
 //! - wall, saturation and output code (`fixed.rs`).
 //!
-//! Some estimators of the core are generic over the [`Word`](zwidth::velocity::Word). Lanes run the core's own code of
-//! these: see `estimator/kalman.rs`. Settings, gains, coefficients, verdicts and walks are the core's too. Tests with
-//! random scenes compare lanes and scalar loop (`tests.rs`), on every backend of the machine.
+//! Some estimators of the core are generic over the [`Word`](zwidth::velocity::Word). For these estimators, lanes run
+//! the core's own code: see `estimator/kalman.rs`. The core's own code also computes settings, gains, coefficients,
+//! verdicts and walks. Tests with random scenes compare lanes and scalar loop (`tests.rs`), on every backend of the
+//! machine.
 //!
 //! # Stages
 //! Between two events (an output, an arriving command) the plant does not depend on the controller. So a block of up to
 //! 16 samples is computed stage by stage: the plant moves, the positions become counts, the counts are filtered. A
-//! single sample waits about forty cycles for its results. A stage waits ten cycles, and a second vector uses this
-//! time. A trait object holds the controller. It is called once per block, so controllers are compiled once per
-//! backend.
+//! sample that is computed alone waits about forty cycles for its results. A stage waits only ten cycles, and the
+//! processor uses these cycles for a second vector. The controller is a trait object, which is called once per block.
+//! So controllers are compiled once per backend.
 //!
 //! # What runs in lanes
 //! See [`lanes_for`]: linear plants (with amplifier, mode, arm), any latency, rounding, resolution and output
@@ -35,13 +38,14 @@
 //! - half the filter's range;
 //! - a sum of squares of 2^53 in the window.
 //!
-//! Such a hit is taken out of its lane. The scalar loop runs it again, with saturation and errors as in the core. So
-//! every outcome from a lane is exact.
+//! A hit near one of these ends is taken out of its lane. The scalar loop runs this hit again, with saturation and
+//! errors as in the core. So every outcome from a lane is exact.
 //!
 //! # When a hit ends
-//! A hit ends as in the scalar loop. For the RMS of counts, `unstable` is certain once the sum of squares about the
-//! mean exceeds the limit ([`Hit::certain_verdict`](zwidth::experiment::Hit::certain_verdict)). This is checked every
-//! 512 samples. Only with [`Depth::Whole`] the hit continues. Other criteria: [`crate::simulation::window`].
+//! A hit ends as in the scalar loop. If the criterion is the RMS of counts, `unstable` is certain once the sum of
+//! squares about the mean exceeds the limit ([`Hit::certain_verdict`](zwidth::experiment::Hit::certain_verdict)). The
+//! sum is checked every 512 samples. A hit that is certain to be unstable ends, except with [`Depth::Whole`].
+//! [`crate::simulation::window`] describes the other criteria.
 
 mod backend;
 mod estimator;

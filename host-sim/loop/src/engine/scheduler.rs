@@ -68,7 +68,7 @@ struct Scheduler<'a, 'c, S: SimdOps, const P: usize, const R: usize> {
     running: Vec<Option<Running<'a>>>,
 }
 
-/// Runs the hits of `work` in lanes. All lanes are in this thread.
+/// Runs the hits of `work` in lanes. All lanes run in the calling thread.
 pub fn run<'a, S: SimdOps, const P: usize, const R: usize>(
     simd: S,
     task: Task<'a>,
@@ -250,8 +250,8 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         Some(samples.min(CHUNK_SAMPLES))
     }
 
-    /// Checks a lane after `samples` more samples. Returns `Some` if its hit is over. The inner value is the outcome,
-    /// or `None` if the lane has no valid outcome.
+    /// Checks a lane after `samples` more samples. Returns `None` if the lane's hit is not over, `Some(None)` if the
+    /// hit is over without a valid outcome, else the outcome.
     fn look(&mut self, lane: usize, samples: u32) -> Option<Option<Outcome>> {
         let running = self.running[lane].as_mut()?;
         running.samples += samples;
@@ -297,8 +297,8 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
     }
 }
 
-/// Samples until one of these hits must be checked. A hit is checked after the first sample of its window, which gives
-/// the origin, and at its end. With `watches` it is also checked just before its window.
+/// Samples until one of these hits must be checked. A hit is checked after the first sample of its window, because this
+/// sample gives the origin. The hit is also checked at its end, and with `watches` just before its window.
 fn soonest(running: &[Option<Running<'_>>], plan: &HitPlan, watches: bool) -> Option<u32> {
     let next = |running: &Running| match running.samples {
         n if watches && n < plan.settle => plan.settle - n,
@@ -309,7 +309,7 @@ fn soonest(running: &[Option<Running<'_>>], plan: &HitPlan, watches: bool) -> Op
 }
 
 impl Running<'_> {
-    /// Begins the window with this first count.
+    /// Begins the window. `count` is its first count.
     fn open_window(&mut self, count: f64) {
         #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^30")]
         let count = count as i32;

@@ -10,8 +10,8 @@ use pulp::{
 
 use crate::simulation::quantiser::INTEGER;
 
-/// A set of vector instructions. The functions here work lane by lane on every machine. If a machine has an instruction
-/// for a function, it overrides the function.
+/// A set of vector instructions. The functions in this trait work lane by lane on every machine. A machine that has an
+/// instruction for a function overrides the function.
 pub trait SimdOps: Simd {
     /// Signed 64-bit product of the lower halves as signed numbers. The upper halves may have any value.
     #[inline(always)]
@@ -62,7 +62,7 @@ pub trait SimdOps: Simd {
         cast(self.select_u64s(mask, cast(a), cast(b)))
     }
 
-    /// The bits of `a` that are set in `mask`; all others are 0.
+    /// The bits of `a` that are set in `mask`; all other bits are 0.
     #[inline(always)]
     fn masked(self, a: Self::f64s, mask: Self::u64s) -> Self::f64s {
         cast(self.and_u64s(cast(a), mask))
@@ -73,7 +73,7 @@ pub trait SimdOps: Simd {
         self.masked(a, self.splat_u64s(!SIGN))
     }
 
-    /// `a` if it is larger, else `b`. Zeros of different sign count as equal, as on x86.
+    /// `a` if it is larger, else `b`. Zeros of different sign are equal, as on x86.
     #[inline(always)]
     fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
         self.choose(self.greater_than_f64s(a, b), a, b)
@@ -191,7 +191,7 @@ impl SimdOps for pulp::Scalar {}
 #[cfg(target_arch = "aarch64")]
 impl SimdOps for pulp::aarch64::Neon {}
 
-/// Vector instructions of x86. An instruction has the same name for vectors of different lengths.
+/// Vector operations of x86. An instruction has the same name for vectors of different lengths.
 #[cfg(target_arch = "x86_64")]
 macro_rules! x86 {
     (

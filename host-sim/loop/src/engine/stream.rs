@@ -10,7 +10,8 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Hits of a block for each lane of each thread. At its end, lanes wait for the last hit: 1 % of the time.
+/// Hits of a block for each lane of each thread. At the end of a block, lanes wait for the block's last hit. The lanes
+/// spend 1 % of the time in this wait.
 const HITS_PER_LANE: u64 = 64;
 
 /// Runs the hits 0 .. `total` that `hit` describes, and passes each outcome to `sink`, in order. The outcomes depend

@@ -177,7 +177,8 @@ fn whole_hits_of_the_paper_are_the_same_on_every_backend() {
     }
 }
 
-/// Few samples, so CI can run the test in an interpreter with the instructions of another machine (NEON lanes).
+/// The test has few samples, so that CI can run it in an interpreter with the instructions of another machine (NEON
+/// lanes).
 #[test]
 fn a_few_samples_are_the_same_on_every_backend() {
     let mut scene = short(paper());
@@ -251,7 +252,7 @@ const ACCELEROMETER: Accelerometer = Accelerometer {
     bandwidth_hz: Some(1600.0),
 };
 
-/// The estimators that have lanes in fixed point.
+/// The estimators that can run in lanes in fixed point.
 fn in_lanes() -> impl Iterator<Item = EstimatorName> {
     let all = EstimatorName::ALL.iter().copied();
     all.filter(|name| {
@@ -284,7 +285,7 @@ fn a_filter_of_another_form_than_the_scenes_runs_beside_the_lanes() {
     assert_eq!(hold_with(&prepared, &hits), 2, "the low-passes");
 }
 
-/// Estimators with lanes. docs/lab/batch.md names the others.
+/// Estimators that can run in lanes. docs/lab/batch.md names the estimators that cannot.
 const IN_LANES: [&str; 24] = [
     "butterworth",
     "butterworth-prewarped",
@@ -358,7 +359,7 @@ fn hits_at_the_ends_of_the_ranges_leave_their_lanes() {
 #[test]
 fn estimators_at_the_ends_of_their_ranges_leave_their_lanes() {
     let hits = grid(&[800.0], &[20.0], &[0.01, 0.05]);
-    // observers cannot model such a light handle
+    // observers cannot model a handle that is so light
     let names = in_lanes().filter(|name| name.sense().is_none());
     let ways = [(0.0, 0.5), (0.5, 0.5), (0.99, 0.5), (0.5, 5.0)];
     for (name, (tuning, push_n)) in names.flat_map(|name| ways.map(|way| (name, way))) {

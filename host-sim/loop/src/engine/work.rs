@@ -13,8 +13,8 @@ use crate::simulation::{
 pub enum Depth {
     /// Until the verdict is certain. If the handle leaves the core's range, the hit is unstable.
     Verdict,
-    /// Until the hit is certain to be unstable. All other hits run to their end and give measures. If the handle leaves
-    /// the core's range, the hit is unstable.
+    /// Until the hit is certain to be unstable. A hit that is not unstable runs to its end and gives measures. If the
+    /// handle leaves the core's range, the hit is unstable.
     Bounded,
     /// To the end of the hit, for the RMS. If the handle leaves the core's range, the hit is an error.
     Whole,

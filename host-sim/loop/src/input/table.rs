@@ -177,7 +177,7 @@ impl Splitter {
         text.resize(line.len() + 1, 0);
         ends.resize(line.len() + 1, 0);
         let (_, _, written, cells) = reader.read_record(line.as_bytes(), text, ends);
-        // In an open quote the end of a line is one more character.
+        // If a quote is open, the reader takes the end of the line as one more character of the cell.
         let (result, _, _, last) =
             reader.read_record(b"\n", &mut text[written..], &mut ends[cells..]);
         if !matches!(result, ReadRecordResult::Record) {

@@ -35,10 +35,10 @@ pub fn forward(signal: &[Complex<f64>]) -> Vec<Complex<f64>> {
     values.iter().zip(&chirp).map(|(value, chirp)| value.conj() * scale * chirp).collect()
 }
 
-/// The spectrum of a real signal, padded with zeros to a power of two. Its tables are made only once, for speed.
+/// The spectrum of a real signal, padded with zeros to a power of two. The tables are made only once, to save time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RealSpectrum {
-    /// Tables for a complex signal of half the length. Each complex sample holds two real samples.
+    /// Tables for a complex signal of half the length. Each complex sample contains two real samples.
     table: Table,
 }
 
@@ -114,7 +114,7 @@ impl Table {
         from
     }
 
-    /// One pass of radix 4 over transforms of length `length`. `stride` transforms are side by side.
+    /// One stage of radix 4 over transforms of length `length`. `stride` transforms are side by side.
     fn quarters(&self, from: &Parts, to: &mut Parts, length: usize, stride: usize) {
         let quarter = length / 4;
         let [re, im] = from;

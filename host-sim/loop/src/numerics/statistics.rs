@@ -37,7 +37,7 @@ impl Repeats {
     }
 
     /// Whether the repeats show that the mean is below `share` times the mean of `best`. The test is one-sided, at
-    /// [`LEVEL`]. If neither has any spread, the means are compared directly.
+    /// [`LEVEL`]. If neither result has any spread, the means are compared directly.
     pub fn is_below(&self, share: f64, best: &Self) -> bool {
         let lacking = share * best.mean - self.mean;
         let errors = [self.squared_error, share * share * best.squared_error];
@@ -65,7 +65,8 @@ mod tests {
     fn a_difference_counts_only_where_it_exceeds_the_spread() {
         let of = |values: &[f64]| Repeats::of(values.iter().copied());
         let best = of(&[99.0, 100.0, 101.0, 100.0]);
-        // t = 4 / sqrt(0.167 + 2 * 0.98^2 ..): far below and far above the threshold for 5 %
+        // Both means are 4 below the limit of 98. With the small spread, t is far above the threshold for 5 %. With the
+        // large spread, t is far below the threshold.
         assert!(of(&[93.0, 94.0, 95.0, 94.0]).is_below(AS_GOOD_AS_BEST, &best));
         assert!(!of(&[80.0, 108.0, 95.0, 93.0]).is_below(AS_GOOD_AS_BEST, &best));
         assert!(!of(&[98.5; 4]).is_below(AS_GOOD_AS_BEST, &best));
@@ -77,8 +78,8 @@ mod tests {
 
     #[test]
     fn the_threshold_is_that_of_the_t_distribution() {
-        // Both have equal spread and four repeats: 6 degrees of freedom, t(95 %) = 1.9432. The squared error of each
-        // mean is 1/12, the squared error of their difference 1/6.
+        // Both results have equal spread and four repeats: 6 degrees of freedom, t(95 %) = 1.9432. The squared error of
+        // each mean is 1/12, the squared error of their difference 1/6.
         let around = |mean: f64| Repeats::of([-0.5, 0.5, -0.5, 0.5].map(|d| mean + d).into_iter());
         let spread = around(0.0).squared_error;
         assert!((spread - 1.0 / 12.0).abs() < 1e-12, "{spread}");

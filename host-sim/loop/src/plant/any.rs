@@ -1,6 +1,6 @@
 //! The plant of any scene in one type. A plant with an exact step has a variant for its number of states.
-//! [`each_plant`] compiles the loop of a hit for each variant. A step of the other plants takes so long that a call
-//! through a vtable does not matter.
+//! [`each_plant`] compiles the loop of a hit for each variant. A step of a plant without an exact step takes so long
+//! that a call through a vtable does not matter.
 
 use std::{fmt::Debug, sync::Arc};
 

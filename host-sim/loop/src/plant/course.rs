@@ -1,6 +1,6 @@
-//! The handle's motion over a run: several samples in one call. Only the last sample of a run may have an output. Until
-//! then the plant does not depend on the controller, so a plant behind a vtable is called only once. The encoder is
-//! read in the same loop, while the processor waits for the plant's last step.
+//! The handle's motion over a run: several samples in one call. Only the last sample of a run may have an output.
+//! Before this output the plant does not depend on the controller, so a plant behind a vtable is called only once per
+//! run. The encoder is read in the same loop, while the processor waits for the plant's last step.
 
 use std::ops::Range;
 
@@ -33,9 +33,10 @@ pub struct Span {
     pub watched: bool,
     /// Command that acts at the beginning of the run, N.
     pub acting_n: f64,
-    /// Index of the sample in which another command takes effect. Beyond the run if there is no such command.
+    /// Index of the sample in which a second command takes effect. The index is beyond the run if there is no second
+    /// command.
     pub arrival: usize,
-    /// The other command, N. It takes effect in sample `arrival`.
+    /// The second command, N, which takes effect in sample `arrival`.
     pub arriving_n: f64,
     pub encoder: Quantiser,
 }
@@ -43,7 +44,7 @@ pub struct Span {
 impl Course {
     pub const NONE: Self = Self { speeds_m_per_s: [0.0; RUN], outputs_n: [0.0; RUN] };
 
-    /// Moves from the run's first sample to its last one.
+    /// Moves the plant from the run's first sample to its last sample.
     #[inline(never)] // compiled once for each plant, independent of the controller
     pub fn run<P: Plant>(
         &mut self,
@@ -87,7 +88,7 @@ impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
         state
     }
 
-    /// Moves over several samples under one command.
+    /// Moves the plant over several samples under one command.
     #[inline(always)]
     fn under(&mut self, mut state: P::State, acting_n: f64, samples: Range<usize>) -> P::State {
         for sample in samples {
@@ -98,7 +99,8 @@ impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
         state
     }
 
-    /// Stores the values of a sample. The first command acts from the sample's beginning, the second from the split on.
+    /// Stores the values of a sample. The first command acts from the sample's beginning to the split, the second
+    /// command from the split on.
     #[inline(always)]
     fn note(&mut self, state: &P::State, sample: usize, [before_n, after_n]: [f64; 2]) {
         let sample = sample % RUN; // no effect on the value; saves the bounds checks below

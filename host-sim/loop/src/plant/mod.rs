@@ -1,7 +1,7 @@
 //! The device, advanced exactly: `m x'' + b x' + k (x - x0) = F`. F is constant, or changes once in a sample.
 //!
-//! The state s is `(x - x0, x')`. After a time t under a constant force F, it is `phi(t) s + gamma(t) F`. A step takes
-//! the sample time T. If the force changes from F1 to F2 at `fraction` of the sample, the next state is
+//! The state s is `(x - x0, x')`. After a time t under a constant force F, the state is `phi(t) s + gamma(t) F`. A step
+//! covers the sample time T. If the force changes from F1 to F2 at `fraction` of the sample, the next state is
 //!
 //! ```text
 //! phi(T) s + before F1 + after F2
@@ -56,14 +56,14 @@ pub trait Plant: Clone {
     fn force_n(&self, _state: &Self::State, output_n: f64) -> f64 {
         output_n
     }
-    /// Position that the encoder reads for a sample, m, before quantisation. It differs from the true position if the
-    /// encoder reads late or has errors.
+    /// Position that the encoder reads for a sample, m, before quantisation. The reading differs from the true position
+    /// if the encoder reads late or has errors.
     #[inline]
     fn reading_m(&self, state: &Self::State, _moment: &Moment) -> f64 {
         self.position_m(state)
     }
-    /// Position after `delay_s` (shorter than a sample), m. The two commands act before and after the split. `None` if
-    /// the plant cannot compute it, because an exact step is for whole samples only.
+    /// Position after `delay_s` (shorter than a sample), m. The two commands act before and after the split. `None`
+    /// from a plant with an exact step, which is for whole samples only.
     fn later_m(&self, _state: &Self::State, _delay_s: f64, _forces_n: [f64; 2]) -> Option<f64> {
         None
     }
@@ -71,7 +71,7 @@ pub trait Plant: Clone {
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State;
     /// State one sample later. `before_n` is commanded until the split, `after_n` from the split on.
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State;
-    /// Moves over the samples of a run. The encoder reads at each sample.
+    /// Moves the plant over the samples of a run. The encoder reads at each sample.
     #[inline(always)]
     fn run(
         &self,

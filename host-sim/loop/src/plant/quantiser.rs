@@ -1,4 +1,4 @@
-//! Quantisation of positions to counts. The lanes do the same in `Chunk::count` of the engine. Tests compare both.
+//! Quantisation of positions to counts. In lanes, `Chunk::count` of the engine does the same. Tests compare the two.
 
 use std::hint::cold_path;
 
@@ -11,14 +11,16 @@ pub struct Quantiser {
     pub rounding: Rounding,
     /// Counts per metre, the reciprocal of the resolution.
     per_m: f64,
-    /// [`ABOVE`], plus 1/2 if the encoder rounds to nearest. It is added to a position in counts.
+    /// [`ABOVE`], plus 1/2 if the encoder rounds to nearest. This number is added to a position in counts.
     above: f64,
 }
 
-/// Added to a number in the range of `i32`. The low 52 bits of the sum are the number plus 2^31, in units of 2^-20.
+/// Constant that is added to a number in the range of `i32`. The low 52 bits of the sum are the number plus 2^31, in
+/// units of 2^-20.
 const ABOVE: f64 = 1.5 * (1u64 << 32) as f64;
 const FRACTION_BITS: u32 = 20;
-/// Distance, units of 2^-20. If a sum is this far from every whole number, its floor is that of the exact quotient.
+/// Distance, units of 2^-20. If a sum is at least this far from every whole number, sum and exact quotient have the
+/// same floor.
 const CLOSE: u64 = 4;
 
 impl Quantiser {
@@ -41,8 +43,9 @@ impl Quantiser {
     /// The count of `position_m`: the floor of its [`place`](Self::place), saturated to the range of `i32`.
     ///
     /// Nearly all counts are computed without a division, because a division is slow. Below 2^31 counts, the product
-    /// with the reciprocal differs from the quotient by at most 3 * 2^-53 * 2^31 < 2^-20. The two sums add errors of
-    /// 2^-21 and 2^-22. So the floors can differ only if a whole number is closer than 4 * 2^-20.
+    /// with the reciprocal differs from the quotient by at most 3 * 2^-53 * 2^31 < 2^-20. The two additions to the
+    /// product add errors of 2^-21 and 2^-22. So the floors of sum and quotient can differ only if a whole number is
+    /// closer than 4 * 2^-20.
     #[inline]
     pub fn count(&self, position_m: f64) -> i32 {
         let sum = position_m * self.per_m + self.above;
@@ -57,11 +60,12 @@ impl Quantiser {
     }
 }
 
-/// This constant is added to a number below 2^51. The low bits of the sum are then the nearest integer.
+/// Constant that is added to a number below 2^51. The low bits of the sum are then the integer nearest to the number.
 pub(crate) const INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
 
-/// The largest integer not above `value`, saturated to the range of `i32`. `INTEGER` gives the nearest integer. If that
-/// was rounded up, 1 is subtracted. This takes a third of the instructions of `value.floor() as i32`.
+/// The largest integer not above `value`, saturated to the range of `i32`. The sum with `INTEGER` gives the nearest
+/// integer. If this integer is above `value`, 1 is subtracted. The function needs a third of the instructions of
+/// `value.floor() as i32`.
 #[inline]
 pub fn floor(value: f64) -> i32 {
     let value = value.clamp(f64::from(i32::MIN), f64::from(i32::MAX));

@@ -194,7 +194,8 @@ mod tests {
             let level = JITTER.level(state.hit, index);
             levels.insert(level);
             let delay_s = JITTER.delay_s(level);
-            // One part of the delay is before the split, the other after it. Each part is a whole step of this length.
+            // The delay has a part before the split and a part after the split. Each part is computed as one whole step
+            // of its own length.
             let early_s = delay_s.min(split_s);
             let part = |dt: f64, state: &AnyState, force_n: f64| {
                 if dt == 0.0 {

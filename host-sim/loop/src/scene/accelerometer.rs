@@ -12,7 +12,7 @@ use crate::range::within;
 /// Corner of the accelerometer's low-pass, Hz.
 const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e6;
 
-/// An accelerometer on the body that carries motor and encoder. It stays there if `[mode]` adds a second mass. A
+/// An accelerometer on the body that carries motor and encoder. It stays on this body if `[mode]` adds a second mass. A
 /// reading is the mean acceleration of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -28,7 +28,7 @@ pub struct Accelerometer {
     /// Reading at rest.
     #[serde(default)]
     pub bias_m_per_s2: f64,
-    /// Corner of its first-order low-pass. Absent: no low-pass.
+    /// Corner of a first-order low-pass. Absent: no low-pass.
     pub bandwidth_hz: Option<f64>,
 }
 

@@ -1,7 +1,7 @@
 //! The tables that a board needs and the simulator does not: `[board]`, `[safety]`, `[motor]` and `[return]`.
 //!
 //! The simulator only checks these tables. A value for an absent key is guessed here from the rest of the scene.
-//! `prepare` lists the guesses. They are scaled from the values of the paper's device.
+//! `prepare` lists the guesses. The guesses are scaled from the values of the paper's device.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -22,15 +22,15 @@ use crate::scene::element::Travel;
 pub struct BoardTable {
     /// `nucleo-f446re` or `discovery-f407`.
     pub name: String,
-    /// Cutoff of a board without saved settings. The envelope has the walls of this cutoff. Absent:
+    /// Cutoff of a board without saved settings. The envelope contains the walls of this cutoff. Absent:
     /// `velocity.cutoff_hz`, else the cutoff that quiet walls recommend.
     pub cutoff_hz: Option<f64>,
     /// Name of the active design of a board without saved settings. Absent: the first estimator is active.
     pub design: Option<String>,
-    /// Estimators of the envelope, beside the designs. The first is active at the start. Absent: the scene's own.
+    /// Estimators of the envelope, beside the designs. The first is active at the start. Absent: the scene's estimator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub estimators: Vec<String>,
-    /// Output periods in samples of the envelope, beside `actuator.period`.
+    /// Output periods of the envelope, in samples, beside `actuator.period`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub periods: Vec<u32>,
     /// Direction of the motor. `-`: a positive command pushes out of the wall. Absent: `+`.
@@ -55,7 +55,7 @@ pub enum Sign {
 pub struct SafetyTable {
     /// Speed above which the force is switched off. Absent: 1, or the largest speed that the velocity can represent.
     pub speed_max_m_per_s: Option<f64>,
-    /// Largest possible speed of the handle; a larger one is a fault. Absent: five times `speed_max_m_per_s`.
+    /// Largest possible speed of the handle; a larger speed is a fault. Absent: five times `speed_max_m_per_s`.
     pub speed_believable_m_per_s: Option<f64>,
     /// Lowest position at which force may be on, inside a rigid stop. Absent: the end of `[travel]`, else 40 mm before
     /// the start.
@@ -68,9 +68,10 @@ pub struct SafetyTable {
     pub sign_test_force: Option<f64>,
     /// Counts that the sign test must detect. Absent: 22 % of the free handle's motion.
     pub sign_test_counts: Option<u32>,
-    /// Mass of the heaviest handle, with hand and arm, for a push. Absent: 20 times the device's.
+    /// Mass of the heaviest handle, with hand and arm, for a push. Absent: 20 times the device's mass.
     pub heaviest_mass_kg: Option<f64>,
-    /// Damping of the heaviest handle. Absent: 20 times the device's, at least the heaviest mass divided by 0.1 s.
+    /// Damping of the heaviest handle. Absent: 20 times the device's damping, and at least the heaviest mass divided by
+    /// 0.1 s.
     pub heaviest_damping_n_s_per_m: Option<f64>,
     /// Motion of the handle that ends a calibration. Absent: 1 mm, at least 4 counts.
     pub calibration_travel_m: Option<f64>,
@@ -82,17 +83,17 @@ pub struct SafetyTable {
 pub struct MotorTable {
     /// Force that the motor can give without a time limit. Absent: 70 % of full scale.
     pub continuous_force_n: Option<f64>,
-    /// Thermal time constant of its winding. Absent: 30.
+    /// Thermal time constant of the winding. Absent: 30.
     pub time_constant_s: Option<f64>,
     /// Voltage of the amplifier's current output at zero current, as a fraction of the board's analogue supply. Absent:
     /// the input is not used, and `current_sense_full` must be absent too.
     pub current_sense_rest: Option<f64>,
-    /// Voltage of the amplifier's current output at full command, as a fraction of the same supply.
+    /// Voltage of the amplifier's current output at full command, as a fraction of the board's analogue supply.
     pub current_sense_full: Option<f64>,
 }
 
 impl MotorTable {
-    /// Checks that both keys are given or none. The firmware would read an absent key as 0.
+    /// Checks that the scene has either both keys or neither key. The firmware would read an absent key as 0.
     fn check_current(&self) -> Result<(), String> {
         let (rest, full) = ("motor.current_sense_rest", "motor.current_sense_full");
         let (missing, key, value) = match (self.current_sense_rest, self.current_sense_full) {
@@ -182,11 +183,12 @@ impl Keys {
     }
 }
 
-/// Full scale of the paper's device, N. Guesses are scaled from it.
+/// Full scale of the paper's device, N. Guesses are scaled from this force.
 const PAPER_FULL_SCALE_N: f64 = 5.906;
 /// Part of the free handle's motion that the sign test must detect.
 const SIGN_PART: f64 = 0.22;
-/// Mass of the heaviest handle, in masses of the device. It covers a hand on the handle and the error of the guess.
+/// Mass of the heaviest handle divided by the mass of the device. The factor allows for a hand on the handle and for
+/// the error of the guess.
 const HEAVIEST: f64 = 20.0;
 /// Longest time constant (mass / damping) of the heaviest handle, s.
 const HEAVIEST_S: f64 = 0.1;
@@ -311,7 +313,7 @@ impl Scene {
         OnBoard { safety: settings, calibration, duty, current, back, signs, guessed: keys.0 }
     }
 
-    /// Checks the tables for a board. A scene without these tables need not suit a board.
+    /// Checks the tables for a board. A table that the scene does not have is not checked.
     pub(super) fn check_board(&self) -> Result<(), String> {
         let Self { board, safety, motor, back, .. } = self;
         if let Some(board) = board {
@@ -388,8 +390,8 @@ impl BoardTable {
             let most = Name::LEN;
             return Err(format!("board.name is `{}`, allowed 1 to {most} bytes", self.name));
         }
-        // Without names there is only the scene's own estimator, which `prepare` checks. Without a board any is
-        // allowed.
+        // Without `board.estimators`, the only estimator is the scene's estimator. Any estimator is accepted here,
+        // because `prepare` checks the scene's estimator.
         let estimators = match self.estimators.is_empty() {
             true => vec![scene.velocity.estimator()],
             false => scene.board_estimators()?,

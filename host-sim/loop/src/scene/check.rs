@@ -60,10 +60,11 @@ impl Scene {
         self.check_loop().and_then(|()| self.check_sweep())
     }
 
-    /// Checks every value except the cutoffs of the sweep. A filter that replaces the scene's may not allow them.
+    /// Checks every value except the cutoffs of the sweep. A filter that replaces the scene's filter may not allow
+    /// these cutoffs.
     ///
     /// # Errors
-    /// Those of [`check`](Self::check).
+    /// The errors of [`check`](Self::check).
     pub fn check_loop(&self) -> Result<(), String> {
         let Self { device, actuator, wall, .. } = self;
         within("device.mass_kg", device.mass_kg, ranges::MASS_KG)?;

@@ -68,8 +68,8 @@ impl Scene {
         self.designs.iter().filter_map(named).collect()
     }
 
-    /// The scene with this design as its filter. Its sweep only has the design's cutoff. The design may not allow
-    /// others.
+    /// The scene with this design as its filter. The sweep of the new scene has only the design's cutoff, because the
+    /// design may not allow other cutoffs.
     ///
     /// # Errors
     /// There is no design of this name.

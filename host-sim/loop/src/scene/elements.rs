@@ -1,4 +1,4 @@
-//! The optional elements of a scene: one table each. An absent element is not modelled and costs no time.
+//! The optional elements of a scene: one table each. An absent element is not modelled and needs no time.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,7 +19,7 @@ pub enum Quantisation {
     },
     /// PWM of sign and magnitude.
     Pwm {
-        /// Timer ticks per PWM period; at full scale the output is on for all of them.
+        /// Timer ticks per PWM period; at full scale the output is on for all ticks.
         steps: u32,
     },
 }
@@ -60,7 +60,7 @@ impl Scene {
     }
 
     /// Whether the scene can provide this input. Edges need exact times of the counts. Encoder noise and jitter change
-    /// only once per sample, so a scene with them has no edges.
+    /// only once per sample, so a scene with noise or jitter has no edges.
     pub fn feeds(&self, sense: Sense) -> bool {
         match sense {
             Sense::Force => true,

@@ -1,5 +1,6 @@
-//! Checks the tables for a board against the device. With wrong values the board cannot arm, or a fault always or never
-//! occurs. The core checks each value alone; only the scene has mass and stops. `prepare` reports the errors.
+//! Checks the tables for a board against the device. If a value is wrong, the board cannot arm, or a fault always
+//! occurs, or a fault never occurs. The core checks each value alone; only the scene has mass and stops. `prepare`
+//! reports the errors.
 
 use zwidth::safety::SafetySettings;
 
@@ -29,7 +30,7 @@ impl Scene {
         within(&format!("{first}_high_m"), safety.travel_high_m, high)
     }
 
-    /// Mass and damping of the heaviest handle must be at least those of the device alone.
+    /// Mass and damping of the heaviest handle must be at least the mass and the damping of the device alone.
     fn heaviest_fits(&self) -> Result<(), String> {
         let (safety, device) = (self.on_board().safety, &self.device);
         let mass_kg = device.mass_kg + self.mode.map_or(0.0, |mode| mode.mass_kg);

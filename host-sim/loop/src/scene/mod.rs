@@ -1,8 +1,8 @@
 //! Scene files: one device, one controller, one study. The files are in TOML. The name of a key contains its unit.
 //!
-//! Unknown keys and values out of range are errors. Each physical element has a table; without it the element is not
-//! modelled. A scene with `[rotary]` is written in rad and N m ([`rotary`]). In memory all values are in m and N at the
-//! handle.
+//! Unknown keys and values out of range are errors. Each physical element has a table; without the table the element is
+//! not modelled. A scene with `[rotary]` is written in rad and N m ([`rotary`]). In memory all values are in m and N at
+//! the handle.
 
 use std::{
     collections::BTreeMap,
@@ -89,7 +89,7 @@ pub struct NamedScene {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
-    /// Keys whose values are neither measured nor published. Reports repeat them.
+    /// Keys whose values are neither measured nor published. Reports name these keys.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub estimated: Vec<String>,
     pub device: Device,
@@ -114,7 +114,7 @@ pub struct Scene {
     pub backlash: Option<Backlash>,
     /// Optional element: a person's arm on the handle.
     pub arm: Option<Arm>,
-    /// Arms of several people, by name, for studies over them.
+    /// Arms of several people, by name, for studies over people.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub arms: BTreeMap<String, Arm>,
     /// Velocity filters by name, for the board and for `SCENE:NAME`.
@@ -134,7 +134,7 @@ pub struct Scene {
     pub encoder_noise: Option<EncoderNoise>,
     /// Optional element: late readings.
     pub jitter: Option<Jitter>,
-    /// Method to integrate a plant that is not linear. For a linear plant it replaces the exact step.
+    /// Method to integrate a plant that is not linear. For a linear plant the method replaces the exact step.
     pub integrator: Option<Integrator>,
     /// Optional element: an accelerometer on the body that carries the encoder.
     pub accelerometer: Option<Accelerometer>,
@@ -151,7 +151,8 @@ pub struct Scene {
     /// The board's return move between two hits.
     #[serde(rename = "return")]
     pub back: Option<ReturnTable>,
-    /// Units of the scene's file and of its results. A scene is always written to a file in m and N.
+    /// Units of the file from which the scene was read, and of the results. A scene that the program writes is always
+    /// in m and N.
     #[serde(skip)]
     pub units: Units,
 }
@@ -212,10 +213,10 @@ impl NamedScene {
         Ok(table)
     }
 
-    /// The scene from these keys. Error messages name the key, because there is no line.
+    /// The scene from these keys. Error messages name the key, because there is no line number.
     ///
     /// # Errors
-    /// Those of [`parse`](Self::parse).
+    /// The errors of [`parse`](Self::parse).
     pub fn of_table(name: String, table: toml::Table, origin: &str) -> Result<Self, Error> {
         let internal = |error: toml::ser::Error| Error::Internal(error.to_string());
         let text = toml::to_string(&table).map_err(internal)?;
@@ -408,7 +409,7 @@ impl Scene {
         .ok_or_else(|| format!("there is no arm `{name}`, allowed {}", self.arm_names().join(", ")))
     }
 
-    /// A hit can be `stable` only if its RMS is below this limit, m. This holds for every criterion.
+    /// A hit can be `stable` only if its RMS is below this limit, m. Every criterion has this condition.
     pub fn rms_limit_m(&self) -> f64 {
         match self.wall_hit.criterion {
             Criterion::Quiet => quiet::rms_limit_m(self.encoder.resolution_m),
@@ -442,8 +443,9 @@ impl Scene {
         }
     }
 
-    /// Upper bounds of K and B for quiet walls, at least the walk's start; other criteria have none. At the largest K,
-    /// a depth of one count gives the push. At the largest B, one count per sample gives full force.
+    /// Upper bounds of K and B for the criterion `quiet`. Other criteria have no bounds. At the bound of K, a depth of
+    /// one count gives the push. At the bound of B, a speed of one count per sample gives full force. A bound is never
+    /// below the start of the walk.
     fn caps(&self) -> [f64; 2] {
         if self.wall_hit.criterion != Criterion::Quiet {
             return [f64::INFINITY; 2];

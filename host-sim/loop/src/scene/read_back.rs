@@ -35,14 +35,15 @@ pub fn device(words: &[u32]) -> Result<Device<'_>, Error> {
     let name = words.get(BOARD_AT / 4..BOARD_AT / 4 + Name::LEN / 4).unwrap_or_default();
     let bytes: Vec<u8> = name.iter().flat_map(|word| word.to_le_bytes()).collect();
     let text = String::from_utf8_lossy(&bytes);
-    // The board's name is only needed for a valid record. For another file, the error is the same with every board.
+    // The board's name is only needed for a valid record. For a file that is not a valid record, every board gives the
+    // same error.
     let board =
         board_facts(text.trim_end_matches('\0')).or_else(|_| board_facts("nucleo-f446re"))?;
     Device::from_record(words, &board)
         .map_err(|bad| Error::Input(format!("no device record: {bad}{}", help(&bad))))
 }
 
-/// Remedy for an error in a record. It follows the text of the error.
+/// Remedy for an error in a record, to be printed after the text of the error.
 fn help(bad: &BadRecord) -> String {
     let anew = "; make it anew: cargo sim prepare, with the scene that it was made of";
     match *bad {

@@ -181,7 +181,7 @@ pub fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|&word| u32::from_le_bytes(word)).collect()
 }
 
-/// Reads the bytes of a device record. It checks the length only, not the content.
+/// Reads the bytes of a device record. Only the length is checked, not the content.
 ///
 /// # Errors
 /// [`Error::Input`] if the file cannot be read or does not fit into a flash sector.

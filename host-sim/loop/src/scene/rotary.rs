@@ -1,6 +1,7 @@
-//! `[rotary]`: a rotary device. It replaces `[device]`, `encoder.resolution_m` and `actuator.gain_n_per_v`.
+//! `[rotary]`: a rotary device. The table replaces `[device]`, `encoder.resolution_m` and `actuator.gain_n_per_v`.
 //!
-//! With r the radius at which the hand holds the handle, and N motor turns per turn of the handle, at the handle:
+//! Let r be the radius at which the hand holds the handle, and N the motor turns per turn of the handle. At the handle
+//! the values are:
 //! ```text
 //! m = (J_handle + N^2 J_motor) / r^2
 //! b = (c + N^2 k_t^2 / R) / r^2
@@ -10,10 +11,10 @@
 //! force per volt = N k_t k_amp / r   current amplifier
 //! force per volt = N k_t / (R r)   voltage amplifier
 //! ```
-//! With a voltage amplifier the back-EMF, k_t N omega, reduces the force at speed. It acts as damping: the term k_t^2 /
-//! R of b. With a current amplifier this term is absent.
+//! With a voltage amplifier the back-EMF, k_t N omega, reduces the force at speed. This loss of force acts as damping:
+//! the term with k_t^2 / R in b. With a current amplifier the term is absent.
 //!
-//! Inductance is left out: L / R is about 0.1 ms in motors of this size. `[amplifier]` can model it.
+//! Inductance is left out: L / R is about 0.1 ms in motors of this size. `[amplifier]` can model the inductance.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -41,11 +42,11 @@ pub struct Rotary {
     pub damping_n_m_s_per_rad: f64,
     /// Spring at the handle.
     pub stiffness_n_m_per_rad: f64,
-    /// Rest angle of this spring.
+    /// Rest angle of the spring.
     pub rest_angle_rad: f64,
     /// Angle of the handle at rest before a hit.
     pub start_angle_rad: f64,
-    /// Torque constant of the motor. In V s/rad it is the motor's speed constant.
+    /// Torque constant of the motor. The same number in V s/rad is the back-EMF constant.
     pub torque_constant_n_m_per_a: f64,
     /// Quantity that the command sets.
     pub drive: DriveKind,
@@ -77,7 +78,7 @@ pub enum DriveKind {
     Voltage,
 }
 
-/// Tables of a hand, a sensor at the handle or an estimator. They are in m and N in every scene.
+/// Tables of a hand, a sensor at the handle or an estimator. Their values are in m and N in every scene.
 pub(super) const LINEAR_TABLES: [&str; 6] =
     ["arm", "arms", "accelerometer", "passivity", "velocity", "designs"];
 

@@ -40,7 +40,7 @@ const PLAIN: &str = "[amplifier]\nbandwidth_hz = 100\n[mode]\nmass_kg = 1\nstiff
     phase_rad = 0\n[encoder_noise]\nrms_m = 0\nseed = 1\n[accelerometer]\nfull_scale_m_per_s2 = 10\n[uncertainty]\n\
     [passivity]\n[board]\nname = 'nucleo-f446re'\n[safety]\n[motor]\n[return]";
 
-/// Scenes of different devices. If a range is the same in all of them, it does not depend on the device.
+/// Scenes of different devices. A range that is the same in all these scenes does not depend on the device.
 static BASES: LazyLock<Vec<Table>> = LazyLock::new(|| {
     let of = |text: &str| text.parse::<Table>().unwrap_or_default();
     let (_, paper) = BUILT_IN[0];
@@ -259,7 +259,7 @@ fn short(number: f64) -> String {
     if power.len() + 1 < plain.len() { power } else { plain }
 }
 
-/// The schema of a type. It does not allow null, because TOML has no null.
+/// The schema of a type. The schema does not allow null, because TOML has no null.
 fn of<T: JsonSchema>() -> Value {
     let settings = SchemaSettings::draft07().with(|settings| settings.inline_subschemas = true);
     let mut schema = settings.into_generator().into_root_schema_for::<T>().to_value();

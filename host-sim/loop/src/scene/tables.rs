@@ -12,13 +12,13 @@ use super::FeltCurve;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Device {
-    /// Mass at the handle, m.
+    /// Mass `m` at the handle.
     pub mass_kg: f64,
-    /// Viscous damping, b.
+    /// Viscous damping `b`.
     pub damping_n_s_per_m: f64,
-    /// Spring of the device, k.
+    /// Stiffness `k` of the device's spring.
     pub stiffness_n_per_m: f64,
-    /// Rest position of the spring, x0.
+    /// Rest position `x0` of the spring.
     pub rest_position_m: f64,
     /// Rest position of the handle before a hit; before the wall.
     pub start_position_m: f64,
@@ -56,8 +56,8 @@ pub struct Actuator {
     pub period: u32,
     /// Samples from the encoder reading to the force on the handle; may be a fraction.
     pub latency: f64,
-    /// For an observer that uses the force. `true`: it gets a force when it acts, to the nearest sample; latency up to
-    /// 64 samples. `false`: when safety grants it, as on the boards. Absent: `false`.
+    /// When an observer with force input gets a force. `true`: when the force acts, to the nearest sample; latency up
+    /// to 64 samples. `false`: when safety grants the force, as on the boards. Absent: `false`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub latency_known: bool,
 }
@@ -90,7 +90,7 @@ pub struct Sampling {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wall {
-    /// Position of the wall's surface; the wall is at larger positions; within 2^30 counts.
+    /// Position of the wall's surface, within 2^30 counts. The wall is at larger positions.
     pub position_m: f64,
     /// Whether the wall only pushes the handle, and never pulls it.
     pub push_only: bool,
@@ -113,7 +113,7 @@ pub struct WallHit {
     pub settle_s: f64,
     /// Time of the window, which is judged; 1 to 2^24 samples, with `felt` 0.5 s to 2^17 samples.
     pub window_s: f64,
-    /// With `rms`, a wall is stable if its RMS is below this limit; 0.001 to 65535 counts.
+    /// With `rms`, a wall is stable if the RMS is below this limit; 0.001 to 65535 counts.
     pub rms_limit_m: f64,
     /// Signal of the RMS. Absent: `motion` with the criterion `quiet`, else `counts`.
     pub rms_of: Option<RmsOf>,
@@ -162,7 +162,7 @@ impl WallHit {
         self.force_rms_limit_n.unwrap_or(quiet::FORCE_SHARE * self.push_n.abs())
     }
 
-    /// The same hit with the push multiplied by `share`. The limits stay those of the original push.
+    /// The same hit with the push multiplied by `share`. The limits stay the same as for the original push.
     pub(crate) fn with_push(&self, share: f64) -> Self {
         let force_rms_limit_n = Some(self.force_rms_limit_n());
         Self { push_n: share * self.push_n, force_rms_limit_n, ..self.clone() }
@@ -247,7 +247,7 @@ pub enum Criterion {
     Unsaturated,
     /// The motion's sensation level is below its limit.
     Felt,
-    /// At each of four pushes, handle and force are at rest, and the wall holds the handle.
+    /// At each of four pushes, handle and force are at rest, and the wall has the commanded K.
     Quiet,
 }
 
@@ -276,7 +276,7 @@ fn is_zero(value: &f64) -> bool {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum PushBy {
-    /// The motor pushes, and the wall uses the same motor: both share its range.
+    /// The motor pushes, and the wall uses the same motor. Push and wall share the motor's range.
     #[default]
     Motor,
     /// A hand pushes with a constant force on the last body of the chain: the handle, or the arm if there is one.

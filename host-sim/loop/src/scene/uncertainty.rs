@@ -29,7 +29,7 @@ pub struct Uncertainty {
     /// Standard deviation of the latency in samples.
     #[serde(default)]
     pub latency: f64,
-    /// Correlations of two of these names, or of their rotary names, -1 to 1. Absent pairs: 0.
+    /// Each entry has two keys of this table, or their rotary names, and the correlation, -1 to 1. Absent pairs: 0.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub correlations: Vec<(String, String, f64)>,
 }
@@ -139,8 +139,8 @@ impl Scene {
         uncertainty.factor().map(|_| ())
     }
 
-    /// Device `n` drawn from `[uncertainty]`, or the scene itself without this table. It depends only on `seed` and
-    /// `n`.
+    /// Device `n` drawn from `[uncertainty]`, or the scene itself if it has no `[uncertainty]`. The result depends only
+    /// on `seed` and `n`.
     ///
     /// # Errors
     /// None of the draws is within the scene's ranges.

@@ -72,7 +72,7 @@ fn of_key(key: &str) -> Option<&'static Quantity> {
     QUANTITIES.iter().find(|of| !of.linear.is_empty() && ends(key, of.linear))
 }
 
-/// Significant digits of a value that is read. The rounding of one product does not change these digits.
+/// Significant digits of a value that is read. So few digits do not change when one product is rounded.
 const DIGITS_IN: usize = 15;
 /// Significant digits of a value that is written.
 const DIGITS_OUT: usize = 12;
@@ -140,7 +140,7 @@ impl Units {
         }
     }
 
-    /// The key of a result in these units, and the factor of its numbers. `None` if neither changes.
+    /// The key of a result in these units, and the factor of its numbers. `None` if key and numbers stay the same.
     pub fn key(self, key: &str) -> Option<(String, f64)> {
         if self == Self::Linear {
             return None;
@@ -153,7 +153,7 @@ impl Units {
         if factor == 1.0 { value } else { rounded(value * factor, DIGITS_OUT) }
     }
 
-    /// A value at the handle as text for a board's console, with the console's fifteen digits. `key` gives its
+    /// A value at the handle as text for a board's console, with the console's fifteen digits. `key` determines the
     /// quantity.
     pub fn command(self, key: &str, at_handle: f64) -> String {
         match self.key(key) {
@@ -167,7 +167,7 @@ impl Units {
         self.key(key).map_or(said, |(_, factor)| said / factor)
     }
 
-    /// The unit in these units that stands for the linear `unit`, and the factor of its numbers.
+    /// The unit that replaces the linear `unit` in texts, and the factor of its numbers.
     pub fn written(self, unit: &'static str) -> (&'static str, f64) {
         match written(|known| known == unit).filter(|_| self.is_rotary()) {
             Some((_, of, factor)) => (of.unit, factor * self.factor(of.power)),
@@ -175,14 +175,14 @@ impl Units {
         }
     }
 
-    /// A value at the handle as text for people, with four digits and its unit. `unit` is the linear unit.
+    /// A value at the handle as text for people, with four digits and with its unit. `unit` is the linear unit.
     pub fn said(self, at_handle: f64, unit: &'static str) -> String {
         let (unit, factor) = self.written(unit);
         format!("{} {unit}", rounded(at_handle * factor, DIGITS_READ))
     }
 
-    /// Converts the numbers of a text to these units. It finds the forms `NUMBER UNIT`, `NUMBER to NUMBER UNIT`,
-    /// `NUMBER +- NUMBER UNIT`, and `KEY is NUMBER, allowed NUMBER to NUMBER`.
+    /// Converts the numbers of a text to these units. The function finds the forms `NUMBER UNIT`,
+    /// `NUMBER to NUMBER UNIT`, `NUMBER +- NUMBER UNIT`, and `KEY is NUMBER, allowed NUMBER to NUMBER`.
     pub fn text(self, text: &str) -> String {
         if !self.is_rotary() {
             return text.to_owned();

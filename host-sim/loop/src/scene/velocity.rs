@@ -1,7 +1,8 @@
 //! The velocity filter of a scene: `[velocity]` and `[designs.NAME]` for the core's table of estimators.
 //!
-//! Names and keys are those of the core's table. Only the cutoff, or another frequency of an estimator, always has the
-//! key `cutoff_hz`. If the scene has no cutoff, the command line or `[sweep]` gives it.
+//! Names and keys are the same as in the core's table, with one exception: an estimator's frequency, usually its
+//! cutoff, always has the key `cutoff_hz`. If the scene has no cutoff, the cutoff comes from the command line or from
+//! `[sweep]`.
 
 use std::{borrow::Cow, fmt};
 
@@ -25,7 +26,7 @@ enum Member {
     Number(u32),
 }
 
-/// Families: estimators that share a name in scenes. Each estimator has a key and a value that select it.
+/// Families: estimators that share a name in scenes. A key and a value select an estimator of the family.
 const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
     (EstimatorName::Butterworth, "butterworth", "prewarp", Member::Flag(false)),
     (EstimatorName::ButterworthPrewarped, "butterworth", "prewarp", Member::Flag(true)),
@@ -82,7 +83,7 @@ pub struct VelocityTable {
     estimator: EstimatorName,
     /// Values by parameter index. `None` if the parameter is not used, or the scene has no cutoff.
     numbers: [Option<f64>; PARAMETERS],
-    /// Value of the selecting key, if it selects no estimator. [`check`](Self::check) reports it.
+    /// Value of the selecting key, if this value selects no estimator. [`check`](Self::check) reports this value.
     stranger: Option<u32>,
 }
 
@@ -98,19 +99,19 @@ impl From<VelocitySettings> for VelocityTable {
 }
 
 impl VelocityTable {
-    /// The core's settings. `None` if the estimator needs a cutoff and has none.
+    /// The core's settings. `None` if the estimator needs a cutoff and the scene has none.
     pub fn settings(&self) -> Option<VelocitySettings> {
         let whole = !self.has_cutoff() || self.cutoff_hz().is_some();
         whole.then(|| self.estimator.settings(self.numbers.map(Option::unwrap_or_default)))
     }
 
-    /// The core's settings with this cutoff. It has no effect on an estimator without a cutoff.
+    /// The core's settings with this cutoff. The cutoff has no effect on an estimator without a cutoff.
     pub fn at(&self, cutoff_hz: f64) -> VelocitySettings {
         let table = if self.has_cutoff() { self.with_cutoff(Some(cutoff_hz)) } else { *self };
         self.estimator.settings(table.numbers.map(Option::unwrap_or_default))
     }
 
-    /// The cutoff, Hz. `None` if the estimator or the scene has none.
+    /// The cutoff, Hz. `None` if the estimator or the scene has no cutoff.
     pub fn cutoff_hz(&self) -> Option<f64> {
         self.cutoff_place().and_then(|place| self.numbers[place])
     }

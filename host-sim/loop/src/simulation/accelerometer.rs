@@ -1,5 +1,5 @@
-//! An accelerometer. Its noise depends only on the number of the reading, so the noise is the same in every hit. The
-//! lanes do the same calculation in `engine/estimator/accelerometer.rs`. Tests compare both.
+//! An accelerometer. Its noise depends only on the number of the reading, so the noise is the same in every hit. In
+//! lanes, `engine/estimator/accelerometer.rs` does the same calculation. Tests compare the two.
 
 use std::sync::Arc;
 
@@ -79,8 +79,8 @@ pub(crate) struct Readings {
     pub sensor: Sensor,
     /// Factor from m/s to counts per sample.
     pub speed: f64,
-    /// Noise of the reading at each sample of a hit, counts per sample^2. There is no reading before sample 0, so the
-    /// value of sample 0 cancels the bias.
+    /// Noise of the reading at each sample of a hit, counts per sample^2. At sample 0 there is no reading yet, so the
+    /// value of sample 0 is minus the bias.
     pub noise: Arc<[f64]>,
 }
 

@@ -1,7 +1,7 @@
 //! Computes the samples of a run together.
 //!
 //! Only the last sample of a [`Run`] may have an output. So each stage (plant, encoder, estimator) is computed over the
-//! whole run. Then no stage waits for another at every sample. Observers get a [`Block`] of many runs.
+//! whole run. Then no stage has to wait for another stage at every sample. Observers get a [`Block`] of many runs.
 
 use zwidth::velocity::Senses;
 
@@ -24,8 +24,8 @@ pub struct Block {
     samples: usize,
     positions_m: [f64; ROOM],
     counts: [i32; ROOM],
-    /// The controller's velocities, counts per sample; then the forces at the samples' ends, N. Only if samples are
-    /// observed.
+    /// The controller's velocities, counts per sample. The next field has the forces at the samples' ends, N. Both
+    /// fields are only filled if samples are observed.
     velocities: [f64; ROOM],
     outputs_n: [f64; ROOM],
     outputs: Vec<Output>,

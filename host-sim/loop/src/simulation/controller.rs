@@ -186,7 +186,7 @@ impl Fixed {
         self.motion
     }
 
-    /// Takes the samples of a run, and stores the velocity of each in `velocities`.
+    /// Takes the samples of a run, and stores the velocity of each sample in `velocities`.
     #[inline(never)] // compiled once for all plants
     pub fn take(&mut self, readings: Readings<'_>, velocities: &mut [Velocity; RUN]) {
         let Readings { counts, senses, .. } = readings;

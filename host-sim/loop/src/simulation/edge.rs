@@ -1,8 +1,8 @@
-//! Time at which the handle crossed the border between two counts. Its path is the cubic through the positions and
-//! speeds at both ends of a sample.
+//! Time at which the handle crossed the border between two counts. The path of the handle is the cubic through the
+//! positions and speeds at both ends of a sample.
 
-/// The last crossing into the count of the sample's end: its time within the sample (0 to 1), and whether it was
-/// upwards. `None` without a crossing. Positions are in counts, speeds in counts per sample.
+/// The last crossing into the count of the sample's end: the time of the crossing within the sample (0 to 1), and
+/// whether the crossing was upwards. `None` without a crossing. Positions are in counts, speeds in counts per sample.
 pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> {
     let cell = x1.floor();
     // x(t) = x0 + t (v0 + t (b + t a)), its slope v0 + 2 b t + 3 a t^2
@@ -47,9 +47,10 @@ fn turns(v0: f64, b: f64, a: f64) -> impl Iterator<Item = f64> {
     roots.into_iter().filter(|t| *t > 0.0 && *t < 1.0).chain([0.0])
 }
 
-/// Number of halvings of a sample. The resolution is much finer than 2^-16, the resolution of an edge's age.
+/// Number of halvings of a sample. The resulting 2^-32 of a sample is much finer than 2^-16, the resolution of an
+/// edge's age.
 const HALVINGS: u32 = 32;
-/// Number of parts of a sample after these halvings.
+/// Number of parts of a sample after [`HALVINGS`] halvings.
 const PARTS: f64 = (1u64 << HALVINGS) as f64;
 /// Number of Newton steps to a crossing. From the middle of the sample, each step doubles the number of correct digits.
 const NEWTON_STEPS: u32 = 4;
@@ -68,9 +69,9 @@ fn crossing(function: impl Fn(f64) -> f64, mut from: f64, mut until: f64) -> f64
     until
 }
 
-/// The same number as [`crossing`] from 0 to 1, in a third of the time. `None` if the result might differ. It is
-/// certain if the function exceeds its rounding error `rounded` at the borders of [`PARTS`] on both sides of the sign
-/// change.
+/// The same number as [`crossing`] from 0 to 1, in a third of the time. `None` if the number might differ from
+/// [`crossing`]. The numbers are certain to agree if the function exceeds its rounding error `rounded` at the borders
+/// of [`PARTS`] on both sides of the sign change.
 fn crossing_of_sample(
     function: impl Fn(f64) -> f64,
     slope: impl Fn(f64) -> f64,

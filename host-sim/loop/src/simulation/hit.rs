@@ -79,7 +79,7 @@ impl Deref for HitReport {
 
 impl HitReport {
     /// The report that decides the verdict, from the [`reports`](super::prepared::PreparedScene::reports) at several
-    /// pushes: the first that is not stable. If all are stable, it is the one with the largest force RMS.
+    /// pushes: the first report that is not stable, or, if all are stable, the report with the largest force RMS.
     pub fn deciding(reports: &[(f64, Self)]) -> Option<Self> {
         let mut each = reports.iter().map(|(_, report)| *report);
         each.clone().find(|report| !report.is_stable()).or_else(|| {
@@ -94,7 +94,7 @@ impl HitReport {
     }
 }
 
-/// The result with the larger force RMS. If both are equal, the result is `kept`.
+/// The result with the larger force RMS. If both forces are equal, the result is `kept`.
 pub(crate) fn louder<T>(kept: Option<T>, next: T, force_n: impl Fn(&T) -> Option<f64>) -> T {
     match kept {
         Some(kept) if force_n(&next) <= force_n(&kept) => kept,

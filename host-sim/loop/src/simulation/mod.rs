@@ -32,7 +32,7 @@ use crate::{
 /// The parts of the loop that stay constant during a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Parts<P> {
-    /// The plant. Its step is split when a command takes effect.
+    /// The plant, whose step is split when a command takes effect.
     pub plant: P,
     pub encoder: Quantiser,
     /// Force at full command, N.
@@ -53,7 +53,7 @@ pub struct Sample {
     pub count: i32,
     /// The controller's velocity, counts per sample.
     pub velocity: f64,
-    /// The output that was computed with this sample, if one was due.
+    /// The output that was computed with this sample, if an output was due.
     pub rendered: Option<ControllerOutput>,
     /// Force that acts on the handle at the end of this sample, N.
     pub output_n: f64,
@@ -100,8 +100,8 @@ impl Latency {
         self.write = following(self.write, forces_n);
     }
 
-    /// Samples from `index` until the next command takes effect, and this command. The command of sample `index` is not
-    /// known yet.
+    /// Number of samples from `index` until the next command takes effect, and this command, N. The command of sample
+    /// `index` is not known yet.
     #[inline]
     fn next(&self, forces_n: &[f64], index: u64, acting_n: f64) -> (usize, f64) {
         let samples = usize::try_from(self.effective - index).unwrap_or(usize::MAX);
@@ -132,8 +132,9 @@ impl<P> Parts<P> {
 }
 
 impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
-    /// Computes the next samples: at most `most`, and none after an output. Sample `n` is at `t = n T`, and includes
-    /// the motion until `(n + 1) T`. Its five steps are those of docs/theory.md. Returns the number of samples.
+    /// Computes the next samples: at most `most` samples, and only up to the first output. Sample `n` is at `t = n T`,
+    /// and includes the motion until `(n + 1) T`. docs/theory.md describes the five steps of a sample. Returns the
+    /// number of samples.
     #[inline(always)]
     fn run<P: Plant<State = X>>(
         &mut self,
@@ -148,7 +149,8 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
         let samples = if due { self.until_due + 1 } else { most };
         self.until_due = if due { parts.period - 1 } else { self.until_due - samples };
         let (index, looks) = (self.index, self.sensing.looks());
-        // step 1: the encoder; steps 4 and 5: the plant until the last sample, with a command that arrives before it
+        // step 1: the encoder; steps 4 and 5: the plant until the last sample, with a command that arrives before this
+        // sample
         run.samples = samples as usize;
         let (arrival, arriving_n) = self.on_the_way.next(forces_n, index, self.output_n);
         let span = Span {
@@ -177,7 +179,7 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
             self.on_the_way.send(forces_n, rendered.output * parts.full_scale_n);
             block.output(rendered);
         }
-        // step 4: a command that takes effect within the last sample; step 5: the plant after it
+        // step 4: a command that takes effect within the last sample; step 5: the plant after this command
         let state = self.state;
         if self.on_the_way.effective + 1 == self.index {
             let force_n = self.on_the_way.arrived(forces_n).unwrap_or(self.output_n);
@@ -234,8 +236,8 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         ControlFlow::Continue(())
     }
 
-    /// Computes `samples` samples in blocks. `each` gets every block, and can end the run after it. A block has [single
-    /// samples](Block::each) only if the run is `watched`.
+    /// Computes `samples` samples in blocks. `each` gets every block, and can end the run after a block. A block has
+    /// [single samples](Block::each) only if the run is `watched`.
     #[inline]
     pub fn blocks<B>(
         &mut self,

@@ -1,5 +1,5 @@
-//! A controller with the passivity controller: its wall gives no more energy than a reserve. This is the core's
-//! [`PassiveWall`] for any arithmetic.
+//! The passivity controller after the wall's controller: the wall gives no more energy than a reserve. The two together
+//! do the same as the core's [`PassiveWall`], for any arithmetic.
 
 use zwidth::{
     passivity::{PassiveWall, Passivity},

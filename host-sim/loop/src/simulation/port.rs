@@ -1,5 +1,5 @@
-//! Energy at the port: between the wall and the hand, during a hit. A force of the wall counts from the sample at which
-//! it acts. The motion is that of the counts.
+//! Energy that wall and hand exchange during a hit, at the port between the two. A force of the wall is included from
+//! the sample at which the force acts. The motion is computed from the counts.
 
 use zwidth::{Design, port::PortEnergy, units::Position};
 
@@ -9,14 +9,15 @@ use super::{Block, Output, Sample, controller::ControllerOutput, passive};
 #[derive(Clone, Debug)]
 pub struct PortWatch {
     port: PortEnergy,
-    /// Each force that does not act yet: the sample at which it acts, the force, and whether the handle is in contact.
+    /// Forces that do not act yet: for each, the sample at which the force acts, the force, and whether the handle is
+    /// in contact.
     pending: Vec<(u64, i64, bool)>,
     /// Whole samples from an output until its force acts.
     latency: u64,
     surface: i32,
     /// Energy of one LSB of force times one count, J.
     unit_j: f64,
-    /// Number of outputs in contact, and number of these that the passivity controller changed.
+    /// Number of outputs in contact, and number of these outputs that the passivity controller changed.
     outputs: [u32; 2],
     /// Sums of magnitudes over the outputs in contact: wall force before the passivity controller, and withheld force.
     forces: [f64; 2],
@@ -31,7 +32,7 @@ pub struct PortReport {
     pub given_j: f64,
     /// Outputs that the passivity controller changed, as a fraction of the outputs in contact.
     pub limited_fraction: f64,
-    /// Withheld force as a fraction of the wall's force. Both are summed over the outputs in contact.
+    /// Withheld force as a fraction of the wall's force. Both forces are summed over the outputs in contact.
     pub withheld_fraction: f64,
 }
 

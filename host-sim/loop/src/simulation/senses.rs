@@ -1,7 +1,8 @@
 //! Inputs of the controller beside the count (senses): commanded force, acceleration, edge times.
 //!
-//! Few estimators use them. So a run is compiled in two forms: without these inputs ([`Blind`]) and with them
-//! ([`Full`]). The prepared scene selects one form per run. Only the input that the hit's estimator uses is computed.
+//! Few estimators use these inputs. So a run is compiled in two forms: without these inputs ([`Blind`]) and with these
+//! inputs ([`Full`]). The prepared scene selects one form per run. Only the input that the hit's estimator uses is
+//! computed.
 
 use zwidth::{
     units::Force,
@@ -59,22 +60,23 @@ impl Sensing for Blind {
 
 /// The inputs that estimators can use.
 ///
-/// *Force*: the last granted force, after saturation, held until the next output, as in the firmware
-/// ([`zwidth::safety::GuardedSampler`]). The estimator assumes that the force has acted since the last sample. This
-/// suits our boards, whose latency is below half a sample. With `actuator.latency_known` the estimator gets the force
-/// when it acts: later by the latency, rounded to whole samples.
+/// *Force*: the last granted force, after saturation; this force stays constant until the next output, as in the
+/// firmware ([`zwidth::safety::GuardedSampler`]). The estimator assumes that the force has acted since the last sample.
+/// This assumption suits our boards, whose latency is below half a sample. With `actuator.latency_known` the estimator
+/// gets the force when the force acts: later by the latency, rounded to whole samples.
 ///
-/// *Acceleration*: the mean over the sample, computed from the speeds. It passes a first-order low-pass if the scene's
-/// accelerometer has a bandwidth. Noise, bias, range and resolution are applied after that.
+/// *Acceleration*: the mean over the sample, computed from the speeds. If the scene's accelerometer has a bandwidth, a
+/// first-order low-pass follows. Noise, bias, range and resolution are applied last.
 ///
 /// *Edges*: the last crossing of the border between two counts. The path is the cubic through the positions and speeds
 /// at both ends of the sample (Hermite), with the scene's encoder error. Under a constant force the error of the path
 /// is below 1e-6 counts for the scenes' devices. If the force changes by dF within the sample, the error is up to
 /// `0.0162 dF T^2 / m`: 0.005 counts for the whole range of the paper's device. Noise and jitter change once per
-/// sample, so edges would not agree with the counts. So a scene with noise or jitter has no edges ([`Scene::feeds`]).
+/// sample, so edges would not agree with the counts. For this reason a scene with noise or jitter has no edges
+/// ([`Scene::feeds`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Full {
-    /// The input that the estimator uses. `None` if it uses only counts.
+    /// The input that the estimator uses beside the counts. `None` if the estimator uses only counts.
     looks_at: Option<Sense>,
     encoder: Quantiser,
     /// Factor from m/s to counts per sample.
@@ -90,7 +92,7 @@ pub struct Full {
 struct Told {
     granted: Force,
     ring: [Force; LATENCY_KNOWN_MAX as usize],
-    /// Number of used entries. 0: the estimator gets a force at once.
+    /// Number of used entries. With 0, the estimator gets a force at once.
     samples: usize,
     next: usize,
 }
@@ -102,7 +104,7 @@ impl Told {
         Self { granted: Force::ZERO, ring: [Force::ZERO; _], samples, next: 0 }
     }
 
-    /// Moves on by one sample. Returns the force that the estimator gets at this sample.
+    /// Moves the ring on by one sample. Returns the force that the estimator gets at this sample.
     fn moved(&mut self) -> Force {
         if self.samples == 0 {
             return self.granted;

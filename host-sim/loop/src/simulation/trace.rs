@@ -42,13 +42,14 @@ pub struct Row {
     pub count: i32,
     /// The controller's velocity, m/s.
     pub velocity_m_per_s: f64,
-    /// Commanded force, held between outputs, N.
+    /// Commanded force, N; constant between outputs.
     pub force_n: f64,
     /// Force on the handle at the end of the sample, after latency and output quantisation, N.
     pub output_n: f64,
     /// Sum of [`CONTACT`], [`RENDERED`] and [`SATURATED`].
     pub flags: u8,
-    /// Energy that the wall has taken in this contact, J, from its force and the counts. Negative: it has given energy.
+    /// Energy that the wall has taken in this contact, J, from the wall's force and the counts. Negative if the wall
+    /// has given energy.
     pub port_energy_j: f64,
 }
 

@@ -41,7 +41,7 @@ pub struct Watch {
     pub outputs: f64,
     /// Sum of the forces of all outputs, fractions of full scale.
     pub forces: f64,
-    /// Sum of the squares of these forces.
+    /// Sum of the squares of the forces of all outputs.
     pub force_squares: f64,
 }
 
@@ -107,7 +107,8 @@ pub struct Judge {
     criterion: Criterion,
     rms_of: RmsOf,
     limit_m: f64,
-    /// Limits of a quiet wall: RMS of the counts; then RMS of the force, as a fraction of full scale.
+    /// Limit of the RMS of the counts at a quiet wall. The next field is the limit of the force's RMS, as a fraction of
+    /// full scale.
     quiet_counts: RmsLimit,
     quiet_force: f64,
     /// The motor's push, fraction of full scale.
@@ -123,7 +124,7 @@ pub struct Judge {
 }
 
 impl Judge {
-    /// The judge of a scene. It computes the sensation level only if the criterion needs it.
+    /// The judge of a scene. The sensation level is computed only if the criterion needs it.
     pub fn of(scene: &Scene) -> Self {
         let (hit, full_scale_n) = (&scene.wall_hit, scene.full_scale_n());
         let limit_m = scene.rms_limit_m();
@@ -172,7 +173,7 @@ impl Judge {
         self.felt.is_some()
     }
 
-    /// Measures of a hit's window. `motion` has the positions in the window, if they are needed.
+    /// Measures of a hit's window. `motion` has the positions in the window, if the measures need positions.
     pub fn measures(
         &self,
         hit: &Hit,
@@ -206,7 +207,7 @@ impl Judge {
         }
     }
 
-    /// Whether handle and force are quiet, and the wall bears the push.
+    /// Whether handle and force are quiet, and the wall has the commanded stiffness.
     fn is_quiet(&self, hit: &Hit, wall: Stiff, measures: &Measures) -> bool {
         let rests = self.rests(measures, || hit.scatter().is_below(self.quiet_counts));
         let Measures { force_rms_n, wall_force_n, penetration_ratio, .. } = *measures;
@@ -231,8 +232,8 @@ impl Judge {
         if stable { Verdict::Stable } else { Verdict::Unstable }
     }
 
-    /// The verdict before the end of the window. `None` unless the final verdict is certain to be the same. A sensation
-    /// level is never certain, because later samples may have more weight.
+    /// The verdict before the end of the window, if the verdict is certain; else `None`. With a sensation level, the
+    /// verdict is never certain before the end, because later samples may have more weight.
     pub fn certain_verdict(&self, hit: &Hit, watch: &Watch, window: u32) -> Option<Verdict> {
         let by_counts = || hit.certain_verdict();
         let moves = || {
@@ -319,7 +320,7 @@ impl Band {
         let hz = |bin: usize| bin as f64 * rate_hz / length;
         let within = |bin: &usize| (from_hz..=to_hz).contains(&hz(*bin));
         let bins: Vec<usize> = (1..spectrum.length() / 2).filter(within).collect();
-        // factor for both halves of the spectrum, divided by the energy of the window function
+        // 2 for both halves of the spectrum, divided by the energy of the window function
         let energy: f64 = window.iter().map(|w| w * w).sum();
         let per_power = 2.0 / (length * energy);
         let weights = bins.iter().map(|bin| per_power * weight(hz(*bin))).collect();

@@ -20,18 +20,18 @@ use crate::{
 };
 
 /// Identifies mass, damping, stiffness and rest position of a device from recorded voltage and position (paper, section
-/// 2.2.2), with 95 % intervals. --out SCENE.toml writes them into a scene. One record cannot separate them from the
-/// force per volt. Give this force as --gain, by motor and amplifier, by a weight, or add a second record with
-/// --added-mass. A record with too little information is refused, with the reason. docs/identification.md says how to
-/// record.
+/// 2.2.2), with 95 % intervals. --out SCENE.toml writes these parameters into a scene. From one record, parameters and
+/// force per volt cannot be separated. Give this force as --gain, by motor and amplifier, or by a weight; or add a
+/// second record with --added-mass. A record with too little information is refused, with the reason.
+/// docs/identification.md says how to record.
 #[derive(Debug, Args)]
 pub struct IdentifyArgs {
     /// Records: CSV with time, command and position, a telemetry capture, or its CSV from `telemetry`. A column's name
-    /// has quantity and unit, as time_s or `Time (ms)`. The command is a voltage, a force, a torque or a current.
-    /// Several records of one device are fitted at once.
+    /// has quantity and unit, for example time_s or `Time (ms)`. The command is a voltage, a force, a torque or a
+    /// current. Several records of one device are fitted at once.
     #[arg(required_unless_present = "plan", value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Scene that gives encoder, voltage limit, latency, sample rate, and all other keys of a scene.
+    /// Scene with encoder, voltage limit, latency, sample rate, and all other keys of a scene.
     #[arg(long, value_name = "SCENE", default_value = "paper-1um")]
     base: String,
     #[command(flatten)]
@@ -45,18 +45,18 @@ pub struct IdentifyArgs {
     /// The device has no spring: stiffness 0, no rest position.
     #[arg(long)]
     no_spring: bool,
-    /// Without a record: print the console commands of an excitation for the base scene's device. Its pulses keep the
-    /// travel and speed of [safety] and the force of [motor].
+    /// Without a record: print the console commands of an excitation for the base scene's device. The pulses stay
+    /// within travel and speed of [safety] and the force of [motor].
     #[arg(long, conflicts_with_all = ["logs", "csv", "plot", "from", "to"])]
     plan: bool,
     #[command(flatten)]
     terms: TermArgs,
-    /// Rest position of the spring without any other force, m, with a rotary base scene rad. A constant force can then
-    /// be separated from it.
+    /// Rest position of the spring without any other force, m, with a rotary base scene rad. Then a constant force can
+    /// be found too.
     #[arg(long, value_name = "M", allow_negative_numbers = true, conflicts_with = "no_spring")]
     rest_position: Option<f64>,
-    /// Travel per cycle of the encoder's signals, m or rad [default: that of the base scene's [encoder_error]; without
-    /// this table it is searched].
+    /// Travel per cycle of the encoder's signals, m or rad [default: from the base scene's [encoder_error]; without
+    /// this table the travel is searched].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     encoder_cycle: Option<f64>,
     /// Size of a count, m or rad; 0 for a sensor without counts [default: the base scene's].
@@ -132,14 +132,14 @@ impl TermArgs {
 /// Options that give the force per volt. Only one way may be used.
 #[derive(Debug, Args)]
 struct GainArgs {
-    /// Force per volt, N/V. Rotary base scene: N m/V [default: from its [rotary]]. Log with a current: per ampere. Log
-    /// with a force: leave this out.
+    /// Force per volt, N/V. With a rotary base scene: N m/V [default: from its [rotary]]. For a log with a current:
+    /// force per ampere. For a log with a force: leave this out.
     #[arg(long, value_name = "N_PER_V", allow_negative_numbers = true, conflicts_with_all = ["torque_constant", "amplifier_gain", "drum_radius", "calibration_mass", "calibration_voltage", "added_mass"])]
     gain: Option<f64>,
     /// k_t in gain = k_t k_amp / r_c, N m/A.
     #[arg(long, value_name = "N_M_PER_A", allow_negative_numbers = true, requires = "drum_radius", conflicts_with_all = ["calibration_mass", "calibration_voltage", "added_mass"])]
     torque_constant: Option<f64>,
-    /// k_amp in this equation, A/V. Log with a current: leave this out.
+    /// k_amp in gain = k_t k_amp / r_c, A/V. For a log with a current: leave this out.
     #[arg(
         long,
         value_name = "A_PER_V",
@@ -147,7 +147,7 @@ struct GainArgs {
         requires = "torque_constant"
     )]
     amplifier_gain: Option<f64>,
-    /// r_c in this equation, m.
+    /// r_c in gain = k_t k_amp / r_c, m.
     #[arg(long, value_name = "M", allow_negative_numbers = true, requires = "torque_constant")]
     drum_radius: Option<f64>,
     /// Mass of a weight that the motor holds, kg: gain = mass 9.80665 m/s^2 / voltage.
@@ -159,7 +159,7 @@ struct GainArgs {
         conflicts_with = "added_mass"
     )]
     calibration_mass: Option<f64>,
-    /// Voltage that holds this weight still, V.
+    /// Voltage at which the motor holds the weight, V.
     #[arg(long, value_name = "V", allow_negative_numbers = true, requires = "calibration_mass")]
     calibration_voltage: Option<f64>,
     /// Mass that was added to the device for the second record, kg. The gain is then identified too.
@@ -231,7 +231,7 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// The result, with the scene made from it, in the units and keys of the scene's file.
+/// The result, and the scene made from the result, in the units and keys of the scene's file.
 #[derive(Serialize)]
 struct WithScene<'a> {
     #[serde(flatten)]

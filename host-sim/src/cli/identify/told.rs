@@ -67,7 +67,7 @@ pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> V
     }
     rows.extend(terms.lag_s.map(|lag| row("amplifier lag", "s", lag)));
     rows.extend(terms.offset_n.map(|offset| row("offset", "N", offset)));
-    // The same model, written with one friction level for each direction.
+    // This row has the same model, written with one friction level for each direction.
     if let (Some(friction), Some(offset)) = (terms.friction_n, terms.offset_n) {
         let level = |sign: f64| Estimate {
             value: friction.value + sign * offset.value,

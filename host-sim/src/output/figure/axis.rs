@@ -13,7 +13,7 @@ const MOST_VALUES: u16 = 32;
 const MOST_DECIMALS: usize = 15;
 /// Largest shift of a tick by rounding, as a fraction of a step.
 const SLACK: f64 = 1e-6;
-/// Powers of ten that labels of ticks write out. Other powers are part of the unit.
+/// Powers of ten that are written out in the labels of ticks. Other powers are part of the unit.
 const PLAIN_EXPONENTS: std::ops::RangeInclusive<i32> = -2..=3;
 
 /// Ticks and range of a linear axis.
@@ -26,7 +26,7 @@ pub(super) struct Ticks {
 }
 
 impl Ticks {
-    /// Ticks at round numbers. The range is extended to the next ticks outside it.
+    /// Ticks at round numbers. The range is extended to the next ticks outside the range.
     pub(super) fn around(low: f64, high: f64, at_most: usize) -> Self {
         let inside = Self::within(low, high, at_most);
         let (Some(step), Some(first)) = (inside.step(), inside.values.first()) else {
@@ -57,7 +57,7 @@ impl Ticks {
         ticks
     }
 
-    /// The axis for data that is 0 everywhere. It has one tick.
+    /// The axis for data that is 0 everywhere, with one tick.
     pub(super) fn nothing() -> Self {
         Self { values: vec![0.0], decimals: 0, low: 0.0, high: 1.0 }
     }

@@ -6,13 +6,13 @@ pub(super) const TEXT: RGBColor = RGBColor(26, 26, 26);
 pub(super) const QUIET: RGBColor = RGBColor(90, 90, 90);
 pub(super) const GRID: RGBColor = RGBColor(224, 224, 224);
 pub(super) const FRAME: RGBColor = RGBColor(60, 60, 60);
-/// Vermilion of Okabe and Ito, for the ideal cutoff. It differs from the scale for every common colour vision
-/// deficiency.
+/// Vermilion of Okabe and Ito, for the ideal cutoff. With every common colour vision deficiency, a reader can
+/// distinguish this colour from the scale.
 pub(super) const ACCENT: RGBColor = RGBColor(213, 94, 0);
 /// Colour of data without a cutoff: blue of Okabe and Ito, darkened.
 pub(super) const DATA: RGBColor = RGBColor(0, 90, 150);
 
-/// Used fraction of viridis. Its yellow end is too light on paper.
+/// Used fraction of viridis. The yellow end of viridis is too light on paper.
 const LAST_SHARE: f64 = 0.88;
 const LONE_SHARE: f64 = 0.3;
 

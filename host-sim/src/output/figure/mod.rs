@@ -82,7 +82,8 @@ impl Figure {
         Ok(Self { size, shapes, svg })
     }
 
-    /// One `<svg>` element without ids and without an XML declaration. It can be a file, or be inserted into a page.
+    /// One `<svg>` element without ids and without an XML declaration. The element can be a file, or be inserted into a
+    /// page.
     #[must_use]
     pub fn svg(&self) -> &str {
         &self.svg

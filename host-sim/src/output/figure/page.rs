@@ -1,6 +1,7 @@
-//! The page of a figure. It records the shapes that plotters draws.
+//! The page of a figure, which records the shapes that plotters draws.
 //!
-//! plotters is generic over its backend. With one recorder it is compiled once, and each figure is drawn once.
+//! plotters is generic over its backend. Because there is only one recorder, plotters is compiled once, and each figure
+//! is drawn once.
 
 use std::convert::Infallible;
 

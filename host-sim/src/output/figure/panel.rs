@@ -46,7 +46,7 @@ pub(super) struct Panel {
 pub(super) type Chart<'a, X> = ChartContext<'a, Recorder, Cartesian2d<X, Ticks>>;
 
 impl Panel {
-    /// The chart in this rectangle. `x_title_drop` is the space below it.
+    /// The chart in this rectangle. `x_title_drop` is the space below the chart.
     pub(super) fn chart<'a, X: AsRangedCoord>(
         &self,
         page: &'a Page,
@@ -74,7 +74,7 @@ impl Panel {
         (grid(self.left), grid(self.right))
     }
 
-    /// Draws the frame. It is drawn after the data, so that it covers the ends of lines.
+    /// Draws the frame. The frame is drawn after the data, so that it covers the ends of lines.
     pub(super) fn frame(&self, page: &Page) -> Result<(), FigureError> {
         let (l, t, r, b) = (self.left, self.top, self.right, self.bottom);
         let corners = [[l, t], [r, t], [r, b], [l, b], [l, t], [r, t]];
@@ -115,7 +115,7 @@ pub(super) fn axes<X: Ranged<ValueType = f64> + ValueFormatter<f64>>(
     Ok(())
 }
 
-/// Writes title and subtitle at the top left. They are cut to the width of the page.
+/// Writes title and subtitle at the top left. Both lines are cut to the width of the page.
 pub(super) fn heading(page: &Page, title: &str, subtitle: &str) -> Result<(), FigureError> {
     page.fill(&WHITE)?;
     let room = WIDTH - 2.0 * MARGIN;

@@ -11,7 +11,7 @@ use super::{
     text::{FONT_FAMILIES, escape},
 };
 
-/// The opening tag of a page. Its attributes apply to the whole page.
+/// The opening tag of a page. The attributes of the tag apply to the whole page.
 pub(super) fn svg_head((width, height): (u32, u32), title: &str) -> String {
     let [wide, high] = [width, height].map(|steps| f64::from(steps) / GRID);
     let title = escape(title);
@@ -74,7 +74,7 @@ pub(super) fn svg(shapes: &[Shape]) -> String {
     out
 }
 
-/// A colour as an attribute, with its opacity if this is below 1.
+/// A colour as an attribute. An opacity below 1 becomes a second attribute.
 fn ink(what: &str, style: &ShapeStyle) -> String {
     let RGBAColor(red, green, blue, alpha) = style.color;
     let opacity = if alpha < 1.0 { format!(" opacity=\"{alpha}\"") } else { String::new() };

@@ -27,7 +27,8 @@ const FEW_Y_TICKS: usize = 5;
 /// Space above and below the pulses, as a fraction of their height.
 const VOLTAGE_PAD: f64 = 0.15;
 
-/// Width of the measured line. It is wide and the modelled line is thin, so both are visible if they agree.
+/// Width of the measured line. The measured line is wide and the modelled line is thin, so both lines are visible where
+/// the positions agree.
 const MEASURED_WIDTH: f64 = 3.2;
 const MODEL_WIDTH: f64 = 1.1;
 const RESIDUAL_WIDTH: f64 = 0.5;

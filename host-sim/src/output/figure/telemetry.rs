@@ -13,7 +13,7 @@ use super::{
 
 const TOP: f64 = 56.0;
 const PANEL_HEIGHT: f64 = 104.0;
-/// Distance between panels. It has space for the labels of the time axis.
+/// Distance between panels, with space for the labels of the time axis.
 const GAP: f64 = 26.0;
 const PANELS: usize = 3;
 /// Height of a row of flags.
@@ -30,11 +30,11 @@ const BAR_OPACITY: f64 = 0.75;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TelemetryPoint {
-    /// Time; it must increase.
+    /// Time. The time must increase from record to record.
     pub time: f64,
     /// Position, velocity and force, in this order.
     pub values: [f64; PANELS],
-    /// Whether records are missing before this record. Then the line has a gap.
+    /// Whether records are missing before this record. If so, the line has a gap.
     pub after_gap: bool,
     /// The flags that are set: bits of `TelemetryPlot::facts`.
     pub facts: u32,
@@ -54,7 +54,8 @@ pub struct TelemetryPlot {
     pub points: Vec<TelemetryPoint>,
 }
 
-/// Draws three panels one below the other. Below them, each flag has a row with bars at the times at which it is set.
+/// Draws three panels one below the other. Below the panels, each flag has a row. The bars in the row show when the
+/// flag is set.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN or infinite, or there are no records.
@@ -92,7 +93,7 @@ fn draw(plot: &TelemetryPlot, page: &Page) -> Result<(), FigureError> {
     draw_facts(page, plot, [from, to])
 }
 
-/// Draws the lines of a panel over time. The panel has this top and height.
+/// Draws the lines of a panel over time. `top` and `height` are those of the panel.
 fn draw_lines(
     page: &Page,
     [from, to]: [f64; 2],
@@ -168,7 +169,7 @@ pub struct ReplayPlot {
     pub points: Vec<[f64; 4]>,
 }
 
-/// Draws the position over time, and below it both velocities.
+/// Draws the position over time, and both velocities below the position.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN or infinite, or there are no samples.

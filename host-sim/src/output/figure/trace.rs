@@ -30,7 +30,7 @@ const BAND_OPACITY: f64 = 0.13;
 /// Distance from the frame to remarks on its right.
 const REMARK_GAP: f64 = 6.0;
 const REMARK_HALF_PITCH: f64 = 7.0;
-/// Width of a column of a reduced trace, in grid steps. It is less than the width of a line.
+/// Width of a column of a reduced trace, in grid steps. A column is narrower than a line.
 const COLUMN_STEPS: i32 = 4;
 
 pub(super) const MM_PER_M: f64 = 1e3;
@@ -45,20 +45,20 @@ pub struct TracePlot {
     pub subtitle: String,
     pub units: Units,
     pub rate_hz: f64,
-    /// Position at every sample, from t = 0. The data may end before the window does.
+    /// Position at every sample, from t = 0. The data may end before the end of the window.
     pub positions_m: Vec<f64>,
     pub wall_m: f64,
     /// Time from the start of the hit to the window.
     pub settle_s: f64,
     pub window_s: f64,
     pub rms_limit_m: f64,
-    /// `stable`, `unstable` or `no contact`. It is printed unchanged.
+    /// `stable`, `unstable` or `no contact`, printed unchanged.
     pub verdict: String,
     /// RMS of the position about its mean in the window.
     pub rms_m: f64,
 }
 
-/// Draws the position over time. Below it, draws the window with its mean as 0.
+/// Draws the position over time. Below this plot, a second plot shows the window, with its mean as 0.
 ///
 /// A long trace is reduced. Each pixel column keeps its first, lowest, highest and last sample.
 ///
@@ -210,7 +210,7 @@ fn draw_window(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
     Ok(())
 }
 
-/// Lowest and highest value. If they are equal, the range is extended, so that the axis has a length.
+/// Lowest and highest value. If the two values are equal, the range is extended, so that the axis has a length.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
         [low.min(value), high.max(value)]

@@ -40,7 +40,8 @@ pub enum Mark {
     Diamond,
 }
 
-/// Colours of Okabe and Ito, without yellow. They can be distinguished with every common colour vision deficiency.
+/// Colours of Okabe and Ito, without yellow. The colours can be distinguished with every common colour vision
+/// deficiency.
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 90, 150),
     RGBColor(213, 94, 0),
@@ -73,7 +74,7 @@ pub struct TradePanel {
     pub limit: Option<f64>,
     /// Smallest value that is drawn. Smaller values are drawn at this value, because 0 has no logarithm.
     pub floor: f64,
-    /// Points of the Pareto front, sorted by x. They are drawn as a staircase.
+    /// Points of the Pareto front, sorted by x. The front is drawn as a staircase.
     pub front: Vec<[f64; 2]>,
 }
 
@@ -92,7 +93,7 @@ pub struct TradePlot {
     pub legend: String,
     /// Title below each panel, with the unit.
     pub x_title: String,
-    /// The panels, two in a row. All have the same x axis.
+    /// The panels, two in a row. All panels have the same x axis.
     pub panels: Vec<TradePanel>,
     pub series: Vec<TradeSeries>,
     /// Whether lines connect the points of a series.
@@ -210,7 +211,7 @@ fn draw_panel(
     let inside = |place: f64| PAD + place * (1.0 - 2.0 * PAD);
     let at = |[u, v]: [f64; 2]| {
         let across = panel.left + inside(x.place(u)) * (panel.right - panel.left);
-        // on the frame, above all ticks
+        // an infinite value is drawn on the frame, above all ticks
         let up = if v == f64::INFINITY { 1.0 } else { inside(y.place(v)) };
         [across, panel.bottom - up * (panel.bottom - panel.top)]
     };

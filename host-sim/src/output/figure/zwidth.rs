@@ -17,7 +17,7 @@ const LEFT: f64 = 64.0;
 const TOP: f64 = 58.0;
 const BOTTOM: f64 = HEIGHT - 50.0;
 const MOST_TICKS: usize = 9;
-/// Space between the frame and the highest peak, relative to the peak. It includes the halo of the ideal curve.
+/// Space between the frame and the highest peak, relative to the peak. The space includes the halo of the ideal curve.
 const HEADROOM: f64 = 1.02;
 /// Stiffness from which on the axis is in kN/m.
 const KILO_FROM_N_PER_M: f64 = 2e3;
@@ -29,7 +29,7 @@ const IDEAL_WIDTH: f64 = 2.4;
 const IDEAL_HALO: f64 = 4.0;
 const DOT_RADIUS: f64 = 1.9;
 const IDEAL_DOT_RADIUS: f64 = 2.6;
-/// Mean distance of a curve's points below which it is drawn without dots.
+/// Smallest mean distance between a curve's points at which the curve is drawn with dots.
 const DOT_SPACING: f64 = 4.0;
 /// Number of curves from which on dots are smaller, by [`CROWD_SHARE`].
 const CROWD: usize = 16;
@@ -54,7 +54,7 @@ pub struct ZwidthPlot {
     pub legend: String,
     /// Word that the legend adds to the ideal curve: `ideal`.
     pub marked: &'static str,
-    /// The boundaries. Their order gives the colours.
+    /// The boundaries. The order of the boundaries determines the colours.
     pub curves: Vec<Curve>,
 }
 
@@ -88,7 +88,8 @@ impl Curve {
 
 /// Draws stiffness over damping, both from 0, and a legend of the curves.
 ///
-/// With more than 34 curves, the legend only names every second, third, .. curve. It always names the ideal curve.
+/// With more than 34 curves, the legend only names every second, third, .. curve. The legend always names the ideal
+/// curve.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN, infinite or negative.
@@ -131,7 +132,7 @@ fn draw(plot: &ZwidthPlot, page: &Page) -> Result<(), FigureError> {
     panel::axes(&mut chart, Grid::Both, titles)?;
     panel.frame(page)?;
 
-    // The ideal curve is drawn last, over the others.
+    // The ideal curve is drawn last, over the other curves.
     let styles = styles(plot);
     for on_top in [false, true] {
         for (curve, style) in plot.curves.iter().zip(&styles) {
@@ -147,7 +148,7 @@ fn draw(plot: &ZwidthPlot, page: &Page) -> Result<(), FigureError> {
     legend.draw(page, panel.right + LEGEND_GAP)
 }
 
-/// Largest damping and largest stiffness. Each is at least 1, so that its axis has a length.
+/// Largest damping and largest stiffness. Each number is at least 1, so that its axis has a length.
 fn largest(plot: &ZwidthPlot) -> Result<[f64; 2], FigureError> {
     let mut largest = [0.0_f64; 2];
     for curve in &plot.curves {

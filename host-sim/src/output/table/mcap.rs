@@ -1,5 +1,5 @@
-//! MCAP: one channel of JSON messages with their schema, one for each row, in uncompressed chunks. The manifest is the
-//! metadata record `zwidth`.
+//! MCAP: one channel of JSON messages with their schema, in uncompressed chunks. Each row is a message. The manifest is
+//! the metadata record `zwidth`.
 
 use std::{collections::BTreeMap, io::Cursor};
 

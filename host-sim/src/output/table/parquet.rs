@@ -67,7 +67,7 @@ fn field(column: &Column) -> Result<Type, ParquetError> {
         .build()
 }
 
-/// The values that are not null. For each cell, also whether it has a value (the definition level).
+/// The values that are not null, and for each cell whether the cell has a value (the definition level).
 fn split<T, V>(cells: &[Option<T>], value: impl Fn(&T) -> V) -> (Vec<V>, Vec<i16>) {
     let there = cells.iter().map(|cell| i16::from(cell.is_some())).collect();
     (cells.iter().flatten().map(value).collect(), there)

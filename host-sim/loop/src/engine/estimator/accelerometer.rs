@@ -1,5 +1,5 @@
-//! The scene's accelerometer in lanes: [`Sensor::read`] over vectors. The noise is the same in every hit. Each lane
-//! looks up its noise by sample number.
+//! The scene's accelerometer in lanes: [`Sensor::read`] over vectors. Every hit has the same noise, so a lane looks up
+//! the noise by sample number.
 
 use std::sync::Arc;
 
@@ -52,7 +52,7 @@ impl<S: SimdOps> Accelerometer<S> {
         Self { scale, sensed: Sensed { speed: zero, filtered: zero }, drawn, noise, sample }
     }
 
-    /// Puts a sensor before its first reading into a lane.
+    /// Puts a sensor into a lane. The sensor has not been read yet.
     pub fn start(&mut self, simd: S, lane: usize, readings: &Readings) {
         let Readings { sensor, speed, ref noise } = *readings;
         let splat = |value: f64| simd.splat_f64s(value);
@@ -181,7 +181,7 @@ mod tests {
             let share = |power: Option<f64>| {
                 power.map_or(0.0, |power| full_scale_m_per_s2 * 10f64.powf(power))
             };
-            // Then a sensor at rest reads half a step, or half an LSB.
+            // With `tie`, the reading at rest is exactly between two steps, or between two LSB.
             let mut bias_m_per_s2 = bias * full_scale_m_per_s2;
             if tie && resolution.is_some() {
                 bias_m_per_s2 = (0.5 * share(resolution)).copysign(bias);
@@ -196,7 +196,7 @@ mod tests {
                 bias_m_per_s2,
                 bandwidth_hz,
             };
-            // then 1 m/s^2 is one count per sample^2
+            // with these values 1 m/s^2 is one count per sample^2
             let (rate_hz, resolution_m) = (2f64.powi(13), 2f64.powi(-26));
             let sensor = Sensor::new(&scene, rate_hz, resolution_m);
             let readings = Readings::new(sensor, 1e4, 300); // the product of a speed and 1e4 is rounded

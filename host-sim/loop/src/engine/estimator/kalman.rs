@@ -18,11 +18,11 @@ pub struct Gains<S: SimdOps> {
 #[derive(Clone, Copy)]
 pub struct Kalman<S: SimdOps> {
     state: KalmanState<Vector<S>>,
-    /// Bitwise OR of all estimates so far. If an estimate was out of bounds, it is above twice the limit.
+    /// Bitwise OR of all estimates so far. The result is above twice the limit if an estimate was out of bounds.
     seen: [S::u64s; 2],
 }
 
-/// Limit of position and velocity. Below it, the prediction can be multiplied even after a jump of 2^14 counts.
+/// Limit of position and velocity. Below this limit, the prediction can be multiplied even after a jump of 2^14 counts.
 const LIMIT: u64 = 1 << (FACTOR_BITS - 2);
 /// Limit of the acceleration, which has 12 more fractional bits.
 const ACCELERATION_LIMIT: u64 = 1 << 58;

@@ -23,13 +23,13 @@ pub struct Sizes<S: SimdOps> {
 pub struct Levant<S: SimdOps, const IMPLICIT: bool> {
     ahead: S::u64s,
     velocity: S::u64s,
-    /// Bitwise OR of all states so far. If a state was out of bounds, it is above 2 [`LIMIT`].
+    /// Bitwise OR of all states so far. The result is above 2 [`LIMIT`] if a state was out of bounds.
     seen: S::u64s,
 }
 
 /// Limit of the position, 2^14 counts, and of the velocity, 2^14 counts per sample.
 const LIMIT: u64 = 1 << (FACTOR_BITS - 2);
-/// Number of fractional bits that the velocity has more than the output.
+/// Fractional bits of the velocity state, minus fractional bits of the output.
 const DROPPED: u32 = 16;
 
 impl<S: SimdOps, const IMPLICIT: bool> Recursive<S> for Levant<S, IMPLICIT> {

@@ -5,11 +5,13 @@ use zwidth::velocity::{Biquad, Estimator, Shaping};
 use super::Recursive;
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 
-/// Mask of the fractional bits that the accumulator has more than the velocity. Coefficients have the same number.
+/// Mask of the lowest 30 bits of the accumulator. The accumulator has 30 more fractional bits than the velocity,
+/// because a coefficient has 30 fractional bits.
 const RESIDUE: u64 = (1 << 30) - 1;
 /// Half an LSB of the output.
 const HALF: u64 = 1 << 29;
-/// Limit of the filter's sums: half of the largest velocity. Hits with larger sums are run by the core itself.
+/// Limit of the filter's sums. The limit corresponds to half of the largest velocity. The core itself runs hits with
+/// larger sums.
 const SUM_LIMIT: u64 = 1 << 60;
 
 #[derive(Clone, Copy)]
@@ -32,16 +34,16 @@ impl<S: SimdOps> Coefficients<S> {
     }
 }
 
-/// State of each lane after a sample. In 32-bit numbers the upper 32 bits are undefined.
+/// State of each lane after a sample. The upper half of a lane is undefined if its number has 32 bits.
 #[derive(Clone, Copy)]
 pub struct LowPass<S: SimdOps> {
-    /// Past inputs, 32 bits. They are in counts, or in LSB if the input is the output of another filter.
+    /// Past inputs, 32 bits. The unit is counts, or LSB if the input comes from another filter.
     x: [S::u64s; 2],
     /// Past velocities, 32 bits.
     y: [S::u64s; 2],
     /// Lower bits of the past sums (residues), plus [`HALF`].
     residue: [S::u64s; 2],
-    /// Bitwise OR of all sums so far. If a sum was out of bounds, it is above 2 [`SUM_LIMIT`].
+    /// Bitwise OR of all sums so far. The result is above 2 [`SUM_LIMIT`] if a sum was out of bounds.
     sums: S::u64s,
 }
 

@@ -1,4 +1,5 @@
-//! [`WindowDifference`] in lanes: the change of the count over a window, divided by its samples; only for outputs.
+//! [`WindowDifference`] in lanes: the change of the count over a window, divided by the window's number of samples. A
+//! velocity is computed only when an output is due.
 
 use pulp::bytemuck::cast_slice;
 use zwidth::velocity::{Estimator, WindowDifference};
@@ -9,20 +10,20 @@ use crate::engine::{
     simd_ops::{SimdOps, lanes_mut},
 };
 
-/// Past positions of a vector's handles, in counts from the start, and the window of each lane.
+/// Past positions of the handles of one vector, in counts from the start, and the window of each lane.
 pub struct Mean<S: SimdOps> {
     /// Ring of the positions at the last samples.
     places: Vec<S::f64s>,
     newest: usize,
-    /// Samples of each lane's window, from its oldest to its newest position.
+    /// Length of each lane's window: number of samples from the oldest to the newest position.
     samples: Vec<usize>,
-    /// The core's factor in two parts: its upper bits, and its last [`LAST`] bits.
+    /// The core's factor in two parts: the upper bits, and the last [`LAST`] bits.
     factor: [S::u64s; 2],
 }
 
 /// Length of the ring: a power of two, at least the longest window.
 const LENGTH: usize = 256;
-/// Number of last bits in the factor's second part. Both parts are below 2^31.
+/// Number of bits in the second part of the factor. Both parts of the factor are below 2^31.
 const LAST: u32 = 16;
 
 impl<S: SimdOps> VectorForm<S> for Mean<S> {
@@ -84,7 +85,8 @@ fn moved_by(lanes: &[usize], counts: &mut [f64], places: &[f64], newest: usize) 
     }
 }
 
-/// The velocity in LSB, in the lower 32 bits. A count changes by less than 2^15 per sample: the product is below 2^55.
+/// The velocity in LSB, in the lower 32 bits. A count changes by less than 2^15 per sample, so the product is below
+/// 2^55.
 #[inline(always)]
 fn mean<S: SimdOps>(simd: S, counts: S::f64s, [first, last]: [S::u64s; 2]) -> S::u64s {
     const BITS: u32 = WindowDifference::FACTOR_BITS;

@@ -17,7 +17,7 @@ pub(super) mod observer;
 pub(super) mod window;
 mod word;
 
-/// Forms of the estimators that have lanes.
+/// Forms of the estimators that can run in lanes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// Difference, first-order and second-order low-passes.
@@ -44,7 +44,7 @@ pub enum Form {
 }
 
 impl Form {
-    /// Form of an estimator. `None` if the estimator has no lanes.
+    /// Form of an estimator. `None` if the estimator cannot run in lanes.
     pub fn of(estimator: EstimatorName) -> Option<Self> {
         match estimator {
             EstimatorName::Butterworth
@@ -75,7 +75,7 @@ impl Form {
     }
 }
 
-/// Inputs of an estimator beside the counts. They are the same in all hits of a scene.
+/// Inputs of an estimator beside the counts. All hits of a scene have the same inputs.
 #[derive(Clone, Copy)]
 pub struct Beside<'a> {
     /// Samples from the grant of a force until the estimator gets this force.
@@ -103,7 +103,7 @@ pub trait VectorForm<S: SimdOps>: Sized {
     #[inline(always)]
     fn look<const R: usize>(_: &mut [Self; R], _: S, _: &[Row<S, R>]) {}
     /// Updates the estimators. `moved` is the change of the count per sample. If an output is `due`, `velocity` becomes
-    /// the velocity at the last sample, LSB, in the lower 32 bits. Otherwise it is undefined.
+    /// the velocity at the last sample, LSB, in the lower 32 bits. If no output is due, `velocity` is undefined.
     fn take<const R: usize>(
         forms: &mut [Self; R],
         simd: S,
@@ -119,7 +119,7 @@ pub trait VectorForm<S: SimdOps>: Sized {
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }
 
-/// An estimator with feedback. It must be updated with every sample.
+/// An estimator with feedback, which must be updated with every sample.
 pub trait Recursive<S: SimdOps>: Copy {
     type Gains: Copy;
 

@@ -31,7 +31,7 @@ pub struct Gains<S: SimdOps> {
 #[derive(Clone, Copy)]
 struct Observed<S: SimdOps> {
     state: ObserverState<Vector<S>>,
-    /// Bitwise OR of all states so far. If a state was out of bounds, it is above twice the limit.
+    /// Bitwise OR of all states so far. The result is above twice the limit if a state was out of bounds.
     seen: S::u64s,
 }
 
@@ -41,7 +41,7 @@ pub struct Observer<S: SimdOps> {
     granted: S::u64s,
     /// Granted forces that the observer has not received yet, one per sample. Only used with a known latency.
     ring: [S::u64s; LATENCY_KNOWN_MAX as usize],
-    /// Number of used entries of the ring. 0: the observer gets a force at once.
+    /// Number of used entries of the ring. With 0, the observer gets a force at once.
     late: usize,
     next: usize,
 }
@@ -54,9 +54,11 @@ pub struct Fusion<S: SimdOps> {
     known: [S::u64s; ROWS],
 }
 
-/// Limit of `x - x^` and of the known acceleration: 2^12 counts. After a jump of 2^14 counts the error is below 2^47.
+/// Limit of `x - x^` and of the known acceleration: 2^12 counts. After a jump of 2^14 counts, `x - x^` is still below
+/// 2^15 counts, which is the number 2^47.
 const LIMIT: u64 = 1 << 44;
-/// Fractional bits that velocity and disturbance have more than the position. Both are below 2^12 counts per sample.
+/// Fractional bits of the velocity and of the disturbance, each minus those of the position. Velocity and disturbance
+/// are below 2^12 counts per sample.
 const MORE: [u32; 2] = [12, 16];
 
 impl<S: SimdOps> Observed<S> {

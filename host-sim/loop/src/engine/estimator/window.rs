@@ -1,4 +1,4 @@
-//! Estimators whose only state is the last differences. They are computed only when an output is due.
+//! Estimators whose only state is the last differences. A velocity is computed only when an output is due.
 //!
 //! Counts, weights and their products are whole numbers far below 2^53, so they are exact in `f64` lanes.
 
@@ -22,12 +22,12 @@ pub struct Window<S: SimdOps, K> {
 }
 
 const LENGTH: usize = WINDOW_MAX as usize;
-/// Number of entries. When all are used, the last differences are copied back to the beginning.
+/// Number of entries. When all entries are used, the last differences are copied back to the beginning.
 const ROOM: usize = 4 * LENGTH;
 
 /// Calculation of a velocity from the window.
 pub trait Kind<S: SimdOps>: Sized {
-    /// State without an estimator in any lane.
+    /// State before any lane has an estimator.
     fn none(simd: S) -> Self;
     fn set(&mut self, simd: S, lane: usize, estimator: &Estimator);
     /// The velocity, a whole number of LSB. The newest difference is the last of `past`.
@@ -129,7 +129,7 @@ impl<S: SimdOps> Kind<S> for Sum<S> {
     }
 }
 
-/// [`Foaw`] in lanes. All lanes try a window length together, until each lane has found its longest window.
+/// [`Foaw`] in lanes. All lanes try one window length at a time, until every lane has found its longest window.
 pub struct Adaptive<S: SimdOps, const BEST: bool> {
     noise: S::f64s,
     /// Longest window of each lane, samples.
@@ -157,7 +157,8 @@ impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<S, BEST> {
         let of = |value: f64| simd.splat_f64s(value);
         let zero = of(0.0);
         let noise = self.noise;
-        // Bounds of the slope in units of the noise bound. They are fractions, as in the core.
+        // Bounds of the slope in units of the noise bound. As in the core, a bound is a fraction: numerator and
+        // denominator.
         let free = f64::from(Foaw::FREE);
         let ([mut low, mut low_over], [mut high, mut high_over]) =
             ([of(-free), of(1.0)], [of(free), of(1.0)]);

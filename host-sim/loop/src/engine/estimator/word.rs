@@ -1,4 +1,4 @@
-//! The core's [`Word`] as a vector. So the core's own code of an estimator can run in lanes.
+//! The core's [`Word`] as a vector, so that the core's own code of an estimator can run in lanes.
 
 use std::ops::{Add, Shl, Shr, Sub};
 
@@ -9,8 +9,8 @@ use zwidth::{
 
 use crate::engine::simd_ops::{SimdOps, lanes_mut};
 
-/// A vector of signed 64-bit numbers. Its clamps do nothing. The caller must detect two cases: numbers near the limits
-/// of the core, and numbers of 2^[`FACTOR_BITS`] or more that are multiplied.
+/// A vector of signed 64-bit numbers. Its clamp functions do nothing. The caller must detect two cases: numbers near
+/// the limits of the core, and numbers of 2^[`FACTOR_BITS`] or more that are multiplied.
 #[derive(Clone, Copy)]
 pub struct Vector<S: SimdOps> {
     pub simd: S,
@@ -30,12 +30,12 @@ impl<S: SimdOps> LaneGain<S> {
         Self { mantissa: zero, half: zero, shift: zero }
     }
 
-    /// Whether lanes can represent the gain: it must be below 2^13.
+    /// Whether lanes can represent the gain: the gain must be below 2^13.
     pub fn has(gain: Gain) -> bool {
         gain.mantissa() == 0 || i32::from(gain.shift()) + LEFT.cast_signed() > 32
     }
 
-    /// Puts a gain into a lane. Lanes must be able to represent it.
+    /// Puts a gain into a lane. Lanes must be able to represent the gain.
     pub fn set(&mut self, place: usize, gain: Gain) {
         let shift = (i32::from(gain.shift()) + LEFT.cast_signed() - 32).max(1).unsigned_abs();
         lanes_mut(&mut self.mantissa)[place] = u64::from(gain.mantissa().unsigned_abs());
@@ -44,8 +44,9 @@ impl<S: SimdOps> LaneGain<S> {
     }
 }
 
-/// A [`Factor`] for each lane of a vector. Mantissas have 32 bits, so numbers must be positive. Therefore `PLUS` is
-/// added before the product, and mantissa times `PLUS` is subtracted after it.
+/// A [`Factor`] for each lane of a vector. A mantissa has 32 bits and no sign, so a number must be positive for the
+/// product. Therefore `PLUS` is added to the number before the product. Mantissa times `PLUS` is subtracted from the
+/// product.
 #[derive(Clone, Copy)]
 pub struct LaneFactor<S: SimdOps> {
     mantissa: S::u64s,
@@ -62,8 +63,8 @@ impl<S: SimdOps> LaneFactor<S> {
         Self { mantissa: zero, shift: zero, less: zero }
     }
 
-    /// Puts a factor into a lane, for products with `bits` more fractional bits. Returns `false` if its product with
-    /// `PLUS` is not a whole number. Such a factor cannot be used in lanes.
+    /// Puts a factor into a lane, for products with `bits` more fractional bits. Returns `false` if the product of
+    /// factor and `PLUS` is not a whole number. Then the factor cannot be used in lanes.
     pub fn set(&mut self, place: usize, factor: Factor, bits: u8) -> bool {
         // the product is mantissa * number * 2^LEFT / 2^32; the shift corrects for LEFT and 32
         let shift = i32::from(factor.shift()) + LEFT.cast_signed() - i32::from(bits);
@@ -77,9 +78,10 @@ impl<S: SimdOps> LaneFactor<S> {
     }
 }
 
-/// Bits that numbers are shifted left before a product. Then the product's bits below 2^32 only affect rounding.
+/// Numbers are shifted left by this many bits before a product. After this shift, the product's bits below 2^32 only
+/// affect rounding.
 const LEFT: u32 = 15;
-/// Number of bits: numbers below 2^48 in magnitude may be multiplied.
+/// Number of bits of a number that may be multiplied: the magnitude must be below 2^48.
 pub const FACTOR_BITS: u32 = 63 - LEFT;
 
 impl<S: SimdOps> Vector<S> {

@@ -1,4 +1,4 @@
-//! Commands that have not taken effect yet. Each takes effect at the same time in all lanes.
+//! Commands that have not taken effect yet. A command takes effect at the same time in all lanes.
 
 use super::{Aligned, Row};
 use crate::engine::simd_ops::SimdOps;

@@ -7,7 +7,7 @@ use crate::{
     simulation::window::Watch,
 };
 
-/// Sums over the window: those of [`Watch`], in the same order.
+/// The sums of [`Watch`] over the window, in the same order.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Watched<S: SimdOps>([S::f64s; 6]);
@@ -44,7 +44,7 @@ impl<S: SimdOps> Watched<S> {
     }
 }
 
-/// The last positions of all lanes, m. The number of positions is that of a window.
+/// The last positions of all lanes, m. As many positions are stored as a window has samples.
 pub struct Motion<S: SimdOps, const R: usize> {
     rows: Vec<Row<S, R>>,
     /// Index of the oldest positions. The next positions replace them.

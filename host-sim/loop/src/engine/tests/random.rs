@@ -65,7 +65,7 @@ fn scenes() -> impl Strategy<Value = Scene> {
     )
 }
 
-/// An accelerometer. Each of its parts may be present or absent.
+/// An accelerometer. Each part of the sensor may be present or absent.
 #[derive(Clone, Copy, Debug)]
 struct Sensor {
     /// 0: nearly no range; 1: the core's range.

@@ -6,8 +6,9 @@
 //! ```
 //!
 //! [`oscillator_step`] has closed forms for the mass-spring-damper. [`discretise`] has the general case, for example
-//! with an amplifier pole, an arm or a second mode. Both give the same bits on every machine: they use `libm` and plain
-//! IEEE operations in a fixed order. If a unit changes by a power of two, the results are scaled exactly.
+//! with an amplifier pole, an arm or a second mode. Both functions give the same bits on every machine, because they
+//! use `libm` and plain IEEE operations in a fixed order. If a unit changes by a power of two, the results are scaled
+//! exactly.
 //!
 //! Source: Franklin, Powell, Workman, "Digital Control of Dynamic Systems", 3rd ed., section 4.3. The results are
 //! checked against 50-digit values (`tests/golden/plant_step.csv`).
@@ -15,12 +16,13 @@
 use nalgebra::{SMatrix, SVector};
 
 /// Largest `|pole| dt` for which [`oscillator_step`] sums the power series. Up to this limit, cancellation between
-/// terms costs at most one digit. The closed forms would lose as many digits as `1 - phi11` does.
+/// terms loses at most one digit. For short steps the closed forms would lose as many digits as `1 - phi11` loses.
 const SERIES_LIMIT: f64 = 1.0;
 /// Terms of the series. With both poles inside |z| <= 1, |h_n| <= n + 1. The remainder is below 22 / 22! = 2e-20.
 const SERIES_TERMS: u32 = 21;
-/// Limit of slow pole times dt. Below the limit, gamma1 is a divided difference. The fast pole is then above 0.75, so
-/// the difference keeps its digits. From the limit on, gamma1 is `(1 - phi11) / w^2`, and `1 - phi11` is at least 0.06.
+/// Limit of slow pole times dt. Below the limit, gamma1 is a divided difference. The fast pole times dt is then above
+/// 0.75, so the difference keeps its digits. From the limit on, gamma1 is `(1 - phi11) / w^2`, and `1 - phi11` is at
+/// least 0.06.
 const SLOW_POLE_LIMIT: f64 = 0.25;
 
 /// Increment of one step: `phi - 1` and `gamma`. For a short step phi is near 1, and only the small difference contains
@@ -62,7 +64,7 @@ fn solve(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) {
     if d * dt <= SERIES_LIMIT && w2 * dt * dt <= SERIES_LIMIT {
         return series(w2, d, dt);
     }
-    // The difference has a single rounding. So near critical damping it keeps all digits of its inputs.
+    // The difference is rounded only once. So near critical damping the discriminant keeps all digits of its inputs.
     let discriminant = libm::fma(half, half, -w2);
     let (phi11, phi12, phi22, gamma1) = if discriminant < 0.0 {
         let w = libm::sqrt(-discriminant);
@@ -127,13 +129,13 @@ fn series(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) 
 /// Norm of `A h` at which [`discretise`] stops halving dt.
 const TAYLOR_LIMIT: f64 = 0.5;
 /// Terms of the series in [`discretise`]. With |A h| <= 1/2 the remainder is below 0.5^19 / 20! = 8e-25. The norm does
-/// not include a chain of integrators. The series of such a chain is finite: it has N terms.
+/// not include a chain of integrators. The series of a chain of integrators is finite: it has N terms.
 const TAYLOR_TERMS: u32 = 19;
 
 /// One exact step of `z' = A z + b u` over `dt` seconds, with constant u. Returns (phi, gamma).
 ///
-/// It sums a series for the short step `h = dt / 2^s`. Then it doubles the step s times, with `phi - 1` and the mean of
-/// `exp(A s)`. `phi - 1` keeps the digits of slow states.
+/// The function sums a series for the short step `h = dt / 2^n`. Then the step is doubled n times. The function
+/// computes with `phi - 1` and the mean of `exp(A t)` over the step, because `phi - 1` keeps the digits of slow states.
 ///
 /// The error grows as `|A| dt` times the rounding error of f64, with |A| in the best units. The number of halvings
 /// follows from A's largest cycle: the largest geometric mean of the entries around a loop of states. A change of units
@@ -180,7 +182,8 @@ pub fn discretise_increment<const N: usize>(
 }
 
 /// Number of halvings of dt until `|A h|` is at most [`TAYLOR_LIMIT`], in the units that balance A best. In these units
-/// the largest entry is the largest cycle mean (a theorem of max-plus algebra). The norm is at most N times this entry.
+/// the largest entry of A is the largest cycle mean (a theorem of max-plus algebra). The norm of A is at most N times
+/// the largest entry.
 fn halvings<const N: usize>(a: &SMatrix<f64, N, N>, dt: f64) -> i32 {
     let mut walks = a.abs(); // largest product of entries along `length` steps between two states
     let mut cycle = walks.diagonal().max();

@@ -99,7 +99,8 @@ fn general_step_matches_fifty_digits() {
 
 #[test]
 fn short_steps_keep_every_entry_to_relative_precision() {
-    // With a soft spring, an error of gamma1 is hardly visible in the energy norm. A frequency response shows it.
+    // With a soft spring, an error of gamma1 is hardly visible in the energy norm. A frequency response shows this
+    // error.
     for row in golden()
         .iter()
         .filter(|r| r.damping / r.mass * r.dt <= 1.0 && r.stiffness / r.mass * r.dt * r.dt <= 1.0)
@@ -147,7 +148,7 @@ fn forms_join_without_a_step() {
             assert!((p - q).abs() <= CLOSED_FORM_TOLERANCE, "{p} {q}");
         }
     }
-    // The same holds at critical damping, where the closed forms change.
+    // The closed forms change at critical damping. There too, both sides differ only by rounding.
     let critical = oscillator_step(4e6, 4e3, 1e-3);
     for d in [4e3 * (1.0 - f64::EPSILON), 4e3 * (1.0 + f64::EPSILON)] {
         let near = oscillator_step(4e6, d, 1e-3);
@@ -218,7 +219,7 @@ fn general_step_is_the_limit_of_many_small_ones() {
 
 #[test]
 fn fast_amplifier_tends_to_the_plain_oscillator() {
-    // Half the lag of the amplifier gives half the loss of velocity: first order, as in theory.
+    // Half the lag of the amplifier gives half the loss of velocity. So the error is of first order, as in theory.
     let (_, plain) = oscillator_step(26.6, 13.3, 1e-4);
     let deficit = [1e6, 2e6, 4e6, 8e6].map(|pole| {
         let (a, b) = amplified(26.6, 13.3, pole);

@@ -21,7 +21,7 @@ const ERROR: [f64; 7] = [
     11.0 / 84.0 - 187.0 / 2100.0,
     -1.0 / 40.0,
 ];
-/// Factor below 1 on the allowed step length.
+/// Safety factor, below 1, for the step length that the error allows.
 const SAFETY: f64 = 0.9;
 /// Smallest and largest ratio of the lengths of two successive steps.
 const CHANGE: (f64, f64) = (0.2, 5.0);
@@ -54,7 +54,7 @@ const fn powi5(x: f64) -> f64 {
 
 /// Factor for the length of the next step. `error` is the error divided by the tolerance.
 pub fn change(error: f64) -> f64 {
-    /// Below this error the factor is at its upper bound. The comparison is faster than the power.
+    /// Below this error the factor is at its upper bound. Then no power has to be computed, which saves time.
     const SMALL: f64 = 1e-4;
     const { assert!(SMALL < powi5(SAFETY / CHANGE.1)) };
     if error < SMALL {

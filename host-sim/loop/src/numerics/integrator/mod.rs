@@ -1,4 +1,4 @@
-//! One-step integrators. They serve for plants that are not linear, and for comparison with the exact step.
+//! One-step integrators for plants that are not linear, and for comparison with the exact step.
 //!
 //! | method | order | source |
 //! |--------|-------|--------|
@@ -21,8 +21,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::range::{refused, within};
 
-/// `z' = f(z)` with a smooth f. The state is that of [`crate::scene::element::Chain`]: position and speed of each body.
-/// If the number of states is odd, the last state is a force.
+/// `z' = f(z)` with a smooth f. The state is the same as in [`crate::scene::element::Chain`]: position and speed of
+/// each body. If the number of states is odd, the last state is a force.
 pub trait Field<const N: usize> {
     fn rate(&self, z: &[f64; N]) -> [f64; N];
 }
@@ -33,20 +33,20 @@ pub trait Field<const N: usize> {
 pub enum Integrator {
     /// Speeds are computed first, then positions from the new speeds. All steps are of equal length.
     SemiImplicitEuler {
-        /// Steps in a sample; stability needs a smallest number.
+        /// Steps in a sample; fewer than stability needs are refused.
         steps_per_sample: u32,
     },
     /// Classical Runge-Kutta of order 4. All steps are of equal length.
     Rk4 {
-        /// Steps in a sample; stability needs a smallest number.
+        /// Steps in a sample; fewer than stability needs are refused.
         steps_per_sample: u32,
     },
     /// Adaptive: the error of a step is kept below `relative |z| + absolute`.
     DormandPrince {
         /// Largest error of a step, as a fraction of the state.
         relative_tolerance: f64,
-        /// Largest error of a step in positions. Speeds: this length per sample. Amplifier's force: the force that
-        /// moves the mass by this length in a sample.
+        /// Largest error of a position in a step. The limit for speeds is this length per sample. The limit for the
+        /// amplifier's force is the force that moves the mass by this length in a sample.
         absolute_tolerance_m: f64,
     },
 }
@@ -55,8 +55,8 @@ pub enum Integrator {
 pub const STEPS_MAX: u32 = 10_000;
 /// Largest number of steps in a sample that [`Integrator::DormandPrince`] may need for stability.
 const ADAPTIVE_STEPS_MAX: f64 = 1000.0;
-/// Largest `|eigenvalue| step` for which a method is stable. This holds for every eigenvalue in the left half plane:
-/// the half-disk of this radius is inside the method's stability region.
+/// Largest `|eigenvalue| step` for which a method is stable. The limit is valid for every eigenvalue in the left half
+/// plane, because the half-disk of this radius is inside the method's stability region.
 const RK4_STABLE: f64 = 2.5;
 const DORMAND_PRINCE_STABLE: f64 = 3.0;
 
@@ -79,7 +79,7 @@ impl Integrator {
         }
     }
 
-    /// Checks the values. Checks also that the method is stable on a plant with this `demand`.
+    /// Checks the values, and that the method is stable on a plant with this `demand`.
     ///
     /// # Errors
     /// Key, value and allowed range. If the method would be unstable, the message says so.

@@ -6,18 +6,19 @@
 //! ```text
 //! |s| <= max(D1, sqrt(K1))
 //! ```
-//! Stops, cogging and friction add to K and D, so they can only raise the bound. Sticking removes a body, so it can
-//! only lower the bound. So the bound at the steepest slope of all elements holds in every combination of contacts.
+//! Stops, cogging and friction add to K and D, and can only raise the bound. Sticking removes a body, and can only
+//! lower the bound. So the bound at the steepest slope of all elements is valid in every combination of contacts.
 //!
 //! Semi-implicit Euler is `v1 = v - h M^-1 (K x + D v)`, `x1 = x + h v1`. Its solutions are `q g^n` with
-//! `m (g - 1)^2 + h d (g - 1) + h^2 k g = 0`. Both g are inside the unit circle if `2 h d + h^2 k < 4 m`. So it is
-//! stable if
+//! `m (g - 1)^2 + h d (g - 1) + h^2 k g = 0`. Both g are inside the unit circle if `2 h d + h^2 k < 4 m`. So the method
+//! is stable if
 //! ```text
 //! 4 M - 2 h D - h^2 K   is positive definite
 //! ```
-//! and unstable otherwise. This matrix is the matrix of the equation at g = -1. For g towards minus infinity the
-//! equation's matrix is positive definite. If it is not positive definite at g = -1, there is a real root g <= -1. More
-//! stiffness or damping needs shorter steps. Nothing acts back on the amplifier, so it only needs `h pole < 2`.
+//! and unstable otherwise. This matrix is the matrix of the equation in g, at g = -1. For g towards minus infinity the
+//! equation's matrix is positive definite. So if the matrix is not positive definite at g = -1, the equation has a real
+//! root g <= -1. More stiffness or damping needs shorter steps. Nothing acts back on the amplifier, so the amplifier
+//! only needs `h pole < 2`.
 //!
 //! Source: Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001, section 3 (the numbers
 //! m, d, k of a motion). The rest is derived above.

@@ -32,7 +32,7 @@ fn order<const N: usize>(chain: &Chain, method: Integrator, time_s: f64, steps: 
     let start: [f64; N] = core::array::from_fn(|i| [0.02, -0.1, 0.015, 0.2, 0.03, 0.05, 1.0][i]);
     let (phi, gamma) = discretise(&a, &(b * 3.0), time_s);
     let exact = phi * SVector::from(start) + gamma;
-    // An error of a speed is multiplied by the time, so that it is a length.
+    // The error of a speed is multiplied by the time, which gives a length.
     let error = |steps: u32| {
         let h = time_s / f64::from(steps);
         let mut z = start;
@@ -139,8 +139,8 @@ fn refuses_what_would_blow_up() {
 
 const SAMPLE_S: f64 = 1e-4;
 
-/// Three bodies and an amplifier, with values from 1 g, 1 N/m, 1 N s/m to 100 kg, 1e9 N/m, 1e6 N s/m. The pair is the
-/// spring and damper of the stops.
+/// Three bodies and an amplifier, with values from 1 g, 1 N/m, 1 N s/m to 100 kg, 1e9 N/m, 1e6 N s/m. The pair of
+/// numbers is the spring and the damper of the stops.
 fn any_chain() -> impl Strategy<Value = (Chain, (f64, f64))> {
     let log = |low: f64, high: f64| (low..high).prop_map(|x| 10f64.powf(x));
     let body = move || (log(-3.0, 2.0), log(0.0, 9.0), log(0.0, 6.0));
@@ -227,7 +227,7 @@ proptest! {
     fn semi_implicit_euler_is_stable_from_the_least_number_of_steps_on((chain, stop) in any_chain()) {
         let demand = chain.step_demand(&on_springs(stop));
         let least = demand.euler_steps(SAMPLE_S);
-        // Matrix of one step, column by column from the code under test. A column belongs to one state.
+        // Matrix of one step. The code under test computes the matrix column by column, one column for each state.
         let step = |regime: &SMatrix<f64, 7, 7>, steps: f64| {
             let field = Linear(*regime, SVector::zeros());
             SMatrix::<f64, 7, 7>::from_fn(|row, column| {

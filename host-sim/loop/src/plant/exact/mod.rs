@@ -81,7 +81,7 @@ impl<const N: usize> ExactStep<N> {
         }
     }
 
-    /// The same step with more states. The added states stay 0 and change no bit of the others.
+    /// The same step with more states. The added states stay 0 and change no bit of the other states.
     pub(crate) fn padded<const M: usize>(&self) -> ExactStep<M> {
         fn longer<T: Copy, const N: usize, const M: usize>(short: [T; N], rest: T) -> [T; M] {
             core::array::from_fn(|place| short.get(place).copied().unwrap_or(rest))

@@ -52,7 +52,8 @@ fn parse(line: &str) -> (Chain, f64, Vec<Vec<f64>>) {
 }
 
 /// Matrix R: |R z|^2 is twice the energy of z. A position has at least the weight of the speed `position / dt`, so that
-/// a chain without springs has a norm. The amplifier's force has the weight of the speed that it causes within `dt`.
+/// a chain without springs has a norm. The amplifier's force has the weight of the speed that the force causes within
+/// `dt`.
 fn energy_root(chain: &Chain, dt: f64) -> DMatrix<f64> {
     let a = chain.matrix();
     let states = a.nrows();

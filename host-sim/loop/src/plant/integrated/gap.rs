@@ -71,7 +71,7 @@ impl<const N: usize> Gap<N> {
         stretch_m * libm::exp(-stiffness_n_per_m / damping_n_s_per_m * duration_s)
     }
 
-    /// The guard of this state of the gap: its value, and the event when it becomes negative.
+    /// The guard of this state of the gap: its value, and the event that occurs when the value becomes negative.
     #[inline]
     pub(super) fn guard(&self, play: Play, z: &[f64; N], elapsed_s: f64) -> (f64, Event) {
         match play {
@@ -147,7 +147,8 @@ mod tests {
         Chain { mode: Some(mode), ..Chain::alone(device) }
     }
 
-    /// Two free bodies between elastic flanks have the period `2 (gap / v + pi sqrt(m / k))`, m their reduced mass.
+    /// Two free bodies between elastic flanks have the period `2 (gap / v + pi sqrt(m / k))`, where m is the reduced
+    /// mass of both bodies.
     #[test]
     fn free_bodies_rattle_with_the_known_period() {
         let reduced = 1.0 / (1.0 / DEVICE.mass_kg + 1.0 / MODE.mass_kg);
@@ -289,8 +290,8 @@ mod tests {
     #[test]
     fn it_moves_as_its_equations_say() {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 5.0, ..DEVICE };
-        // The transmission relaxes within 13 samples, about the time in the gap. So some stretch is left at the next
-        // touch.
+        // The transmission relaxes within 13 samples. The time in the gap is about as long. So some stretch is left
+        // when a flank is touched again.
         let chain = with(Mode { damping_n_s_per_m: 50.0, ..MODE }, device);
         let forces_n = |n: u32| if (n / 25).is_multiple_of(2) { 3.0 } else { -2.5 };
         let known = by_small_steps(&chain, forces_n, 300);
@@ -308,7 +309,8 @@ mod tests {
         }
     }
 
-    /// Energy of both bodies, the device's spring and the transmission. It includes the energy of a relaxing stretch.
+    /// Energy of both bodies, the device's spring and the transmission. The sum includes the energy of a relaxing
+    /// stretch.
     #[test]
     fn energy_never_grows() {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 0.0, ..DEVICE };

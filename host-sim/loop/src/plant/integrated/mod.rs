@@ -1,12 +1,13 @@
 //! A plant that is integrated step by step: the chain with friction, cogging, travel limits and backlash.
 //!
-//! The plant is smooth between the instants at which its equation changes. Its [`Regime`] selects the equation. A guard
-//! is a function that becomes negative when the regime ends. Then the step is shortened until the guard is zero to the
-//! last digits. The state is put exactly on the boundary, and the next step starts in the new regime.
+//! The plant is smooth between the instants at which its equation changes. The [`Regime`] of the plant selects the
+//! equation. A guard is a function that becomes negative when the regime ends. If a guard is negative at the end of a
+//! step, the step is shortened until the guard is zero to the last digits. The state is put exactly on the boundary,
+//! and the next step starts in the new regime.
 //!
-//! So each method keeps its order. A sticking device has speed 0 and does not creep. No device passes a rigid stop. If
-//! a guard changes its sign twice within one step, nothing is detected. So a step must be short compared with the
-//! motion. A method with error control ensures it.
+//! So each integration method keeps its order of accuracy. A sticking device has speed 0 and does not creep. No device
+//! passes a rigid stop. If a guard changes its sign twice within one step, nothing is detected. So a step must be short
+//! compared with the motion. A method with error control selects steps that are short enough.
 //!
 //! Source: Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., II.6 (discontinuities).
 
@@ -25,8 +26,9 @@ use crate::{
     scene::element::{Chain, Cogging, Friction, Nonlinear, Travel},
 };
 
-/// Largest number of located regime changes in one piece of a sample. After them, regime changes take effect at the
-/// ends of steps, and the device stops at an end. So infinitely many bounces on a rigid stop come to an end.
+/// Largest number of located regime changes in one piece of a sample. After this number, a regime change takes effect
+/// at the end of its step, and the speed is set to 0 when the device reaches an end. So a piece with infinitely many
+/// bounces is computed in finite time.
 const EVENTS_MAX: u32 = 200;
 /// Shortest adaptive step, relative to the sample.
 const SHORTEST: f64 = 1e-6;
@@ -192,7 +194,8 @@ impl<const N: usize> IntegratedStep<N> {
         force_n
     }
 
-    /// One step of the given length, or of at most `left_s`. Returns its length and its end state.
+    /// One step of the length `length_s`. Without `length_s`, the method selects a length of at most `left_s`. Returns
+    /// the length and the state at the end of the step.
     #[inline(always)]
     fn trial(
         &self,
@@ -232,7 +235,7 @@ impl<const N: usize> IntegratedStep<N> {
             }
             let wanted = h * dormand_prince::change(worst);
             if worst <= 1.0 || h <= shortest {
-                // If the end of a piece shortens a step, its length says little about the next step.
+                // If the end of a piece has shortened this step, the next step need not be as short.
                 state.step_s = wanted.max(if h < state.step_s { state.step_s } else { 0.0 });
                 state.step_s = state.step_s.clamp(shortest, self.sample_s);
                 return (h, next);
@@ -241,8 +244,8 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Shortens a step to the first instant at which a guard is zero: length, end state, event. `None` without an
-    /// event.
+    /// Shortens a step to the first instant at which a guard is zero. Returns length, end state and event. `None`
+    /// without an event.
     fn first_event(
         &self,
         field: &Smooth<'_, N>,
@@ -284,8 +287,8 @@ impl<const N: usize> IntegratedStep<N> {
             (value_of(&end, h), end)
         };
         let (mut high, mut at_high) = (step_s, (value, end));
-        // In a new regime the guard may start at zero. So it searches a point inside the step where the guard is
-        // positive.
+        // In a new regime the guard may start at zero. So the search begins with a point inside the step at which the
+        // guard is positive.
         let (mut low, mut value_low) = (0.0, value_of(z, 0.0));
         let mut inside = step_s;
         while value_low <= 0.0 && inside > step_s * 1e-6 {
@@ -324,14 +327,14 @@ impl<const N: usize> IntegratedStep<N> {
         (high, at_high.1)
     }
 
-    /// Lengths of the steps of a piece. Empty if they are not known in advance.
+    /// Lengths of the steps of a piece. Empty if the lengths are not known in advance.
     #[inline]
     fn lengths_s(&self, duration_s: f64) -> impl Iterator<Item = f64> {
         let whole = if duration_s == self.sample_s { &self.even[..] } else { &[] };
         whole.iter().copied()
     }
 
-    /// Does what [`piece`](Self::piece) does, for a linear plant, which has no regimes.
+    /// The same as [`piece`](Self::piece), for a linear plant, which has no regimes.
     #[inline]
     fn linear_piece(&self, state: &mut HybridState<N>, force_n: f64, duration_s: f64) {
         let field = self.linear(force_n, Play::default());
@@ -344,7 +347,7 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Moves for `duration_s` under one force.
+    /// Moves the plant for `duration_s` under one force.
     fn piece(&self, state: &mut HybridState<N>, force_n: f64, duration_s: f64) {
         if state.z[1] == 0.0 {
             self.settle(state, force_n);
@@ -399,7 +402,7 @@ impl<const N: usize> IntegratedStep<N> {
     /// The pieces of a sample in which a command takes effect: force and duration of each.
     ///
     /// Semi-implicit Euler can be unstable with alternating step lengths, even if it is stable with each length alone.
-    /// So all its steps keep one length. The step that contains the split gets the mean of both forces.
+    /// So all steps of this method have the same length. The step that contains the split gets the mean of both forces.
     fn split(&self, before_n: f64, after_n: f64) -> [(f64, f64); 3] {
         let (split_s, late_s) = (self.split_s, self.sample_s - self.split_s);
         let Integrator::SemiImplicitEuler { steps_per_sample } = self.integrator else {
@@ -422,7 +425,7 @@ fn even_step(steps_per_sample: u32, sample_s: f64, left_s: f64) -> f64 {
     left_s / libm::ceil(steps - 1e-9).max(1.0)
 }
 
-/// Lengths of all steps of a sample. They are computed once, because a division takes longer than a step.
+/// Lengths of all steps of a sample. The lengths are computed once, because a division takes longer than a step.
 fn even_steps(integrator: &Integrator, sample_s: f64) -> Arc<[f64]> {
     let (Integrator::SemiImplicitEuler { steps_per_sample } | Integrator::Rk4 { steps_per_sample }) =
         *integrator

@@ -1,4 +1,4 @@
-//! The regimes of the plant: which equation holds, when it ends, and which equation follows.
+//! The regimes of the plant: which equation is valid, when the regime ends, and which regime follows.
 
 use super::{HybridState, IntegratedStep};
 use crate::{
@@ -6,7 +6,7 @@ use crate::{
     scene::element::{End, REST_SPEED_M_PER_S, Travel},
 };
 
-/// State of motion, stop and gap. Together they select the equation.
+/// State of motion, stop and gap. The three states together select the equation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Regime {
     pub(super) motion: Motion,
@@ -16,7 +16,7 @@ pub struct Regime {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) enum Motion {
-    /// Free to move. Friction acts against this direction.
+    /// Free to move. Friction acts against upward motion.
     #[default]
     Up,
     Down,
@@ -29,18 +29,19 @@ pub(super) enum Stop {
     /// The device is inside its travel.
     #[default]
     Clear,
-    /// The device is beyond the end, and the stop's spring and damper push it.
+    /// The device is beyond the end, and the stop's spring and damper push the device.
     Pushing(End),
-    /// The device is beyond the end. It moves back faster than the stop can follow, so the stop does not push.
+    /// The device is beyond the end, and moves back faster than the stop can follow. So the stop does not push.
     Parting(End),
 }
 
 /// State of the gap in the transmission.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Play {
-    /// No flank is touched. The transmission still has this stretch since it left a flank, and relaxes.
+    /// No flank is touched. The transmission has left a flank, and its stretch relaxes. `stretch_m` is the remaining
+    /// stretch.
     Apart { stretch_m: f64 },
-    /// The transmission presses on this flank. On `High` the second mass is ahead and pulls the device up.
+    /// The transmission presses on this flank. On the flank `High`, the second mass is ahead and pulls the device up.
     Touching(End),
 }
 
@@ -66,7 +67,7 @@ pub(super) enum Event {
 pub(super) const GUARDS: usize = 4;
 
 impl<const N: usize> IntegratedStep<N> {
-    /// Sum of all forces on the device except those of friction and rigid stops, N.
+    /// Sum of all forces on the device except friction and the forces of rigid stops, N.
     fn pull_n(&self, state: &HybridState<N>, force_n: f64) -> f64 {
         let smooth = self.linear(force_n, state.regime.play).rate(&state.z)[1] * self.mass_kg;
         smooth + self.position_force_n(&state.z, state.regime.stop)
@@ -110,7 +111,7 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     /// The guards of a regime that has lasted `elapsed_s`. A negative guard ends the regime. An unused guard is
-    /// infinite. Guards have different units and are never compared with each other.
+    /// infinite. Guards have different units, so two guards are never compared.
     pub(super) fn guards(
         &self,
         regime: Regime,
@@ -195,7 +196,7 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Lets the transmission relax for a time if no flank is touched.
+    /// Lets the transmission relax for `duration_s` if no flank is touched.
     #[inline]
     pub(super) fn relax(&self, state: &mut HybridState<N>, duration_s: f64) {
         if let (Some(gap), Play::Apart { stretch_m }) = (&self.gap, &mut state.regime.play) {

@@ -268,7 +268,7 @@ fn a_rigid_stop_is_not_passed_and_gives_back_its_share() {
 
 #[test]
 fn each_method_keeps_its_order_through_rest_and_stops() {
-    // The same run with half the step length. It includes sticking, breakaway and damped stops.
+    // The same run with half the step length. The run includes sticking, breakaway and damped stops.
     let device = Device { damping_n_s_per_m: 0.5, stiffness_n_per_m: 400.0, ..DEVICE };
     let friction = Some(Friction { stribeck_speed_m_per_s: 0.05, ..STRIBECK });
     let nonlinear = Nonlinear { friction, travel: Some(SPRING_STOPS), ..Nonlinear::default() };

@@ -6,7 +6,7 @@
 //! The amplifier is part of the exact step at any bandwidth.
 //!
 //! The model is standard: a current loop with a PI controller that cancels the winding's pole has one pole, at its
-//! bandwidth. In haptic stability: Diolaiti, Niemeyer, Barbagli, Salisbury, IEEE T-RO 22(2), 2006.
+//! bandwidth. A source on its role in haptic stability: Diolaiti, Niemeyer, Barbagli, Salisbury, IEEE T-RO 22(2), 2006.
 
 use core::f64::consts::TAU;
 

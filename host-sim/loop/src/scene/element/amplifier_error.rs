@@ -17,7 +17,7 @@ use super::Checker;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AmplifierError {
-    /// Relative error of the force at full command. It grows with the square of the command.
+    /// Relative error of the force at full command. The relative error grows with the square of the command.
     pub cubic: f64,
 }
 

@@ -1,11 +1,12 @@
-//! Human arm: a mass with its own spring and damper. The spring and damper of the grip connect it to the handle.
+//! Human arm: a mass with its own spring and damper. The spring and damper of the grip connect the arm to the handle.
 //!
-//! With the positions x of the handle (device, or mass of [`super::Mode`] if there is one) and a of the arm:
+//! Let x be the position of the handle (the device, or the mass of [`super::Mode`] if there is one), and a the position
+//! of the arm:
 //! ```text
 //! m a'' = -k (a - rest) - b a' - k_grip (a - x) - b_grip (a' - x')     and the opposite force of the grip on the
 //! handle
 //! ```
-//! The arm starts at rest at the handle's start position, with the grip relaxed. Its own spring pulls it to
+//! The arm starts at rest at the handle's start position, with the grip relaxed. The arm's own spring pulls the arm to
 //! `rest_position_m`, the posture of the person. The person does not react, so the impedance is constant during a hit.
 //! The arm is part of the exact step.
 //!
@@ -52,8 +53,9 @@ impl Arm {
         Ok(())
     }
 
-    /// Arms for scenes without arms: a heavy arm with a soft grip, and a light arm with a firm grip. Their values have
-    /// the size of published values; we have not measured them. They are at rest at the handle's start position.
+    /// Arms for scenes without arms: a heavy arm with a soft grip, and a light arm with a firm grip. The values have
+    /// the size of published values, but we have not measured them. `Scene::named_arm` sets the rest position to the
+    /// handle's start position.
     pub const BUILT_IN: &[(&str, Self)] =
         &[("heavy", Self::model(1.1, 900.0, 15.0)), ("light", Self::model(0.5, 3000.0, 25.0))];
 

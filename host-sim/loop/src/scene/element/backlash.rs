@@ -1,15 +1,16 @@
 //! Backlash: a gap in the transmission between the device and the second mass ([`super::Mode`]).
 //!
 //! Let x be the position of the device and y the position of the second mass. The transmission has the spring k and the
-//! damper b. Its tooth is at the position p in the gap:
+//! damper b. The tooth of the transmission is at the position p in the gap:
 //! ```text
 //! F = k s + b s',   s = y - x - p,   -gap/2 <= p <= gap/2      on the device, and the opposite force on the mass
 //! a flank is touched (p = -gap/2 or gap/2) while F presses on it; between the flanks F = 0, so s' = -(k/b) s
 //! ```
-//! The transmission never pulls over the gap. A gap of 0 is the mode alone. A hit starts in the middle of the gap.
+//! The transmission never pulls over the gap. With a gap of 0, only the mode is left. A hit starts in the middle of the
+//! gap.
 //!
-//! The model is that of Nordin, Galic, Gutman, Int. J. Adaptive Control and Signal Processing 11(1), 1997; survey:
-//! Nordin, Gutman, Automatica 38(10), 2002.
+//! The model is from Nordin, Galic, Gutman, Int. J. Adaptive Control and Signal Processing 11(1), 1997; survey: Nordin,
+//! Gutman, Automatica 38(10), 2002.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

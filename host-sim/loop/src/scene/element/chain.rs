@@ -23,7 +23,7 @@ use crate::{
 /// Largest number of states of a chain: three bodies and an amplifier.
 pub const STATES_MAX: usize = 7;
 
-/// Minus zero. Adding it to a number changes no bit; adding +0 would change -0.
+/// Minus zero. If -0 is added to a number, no bit of the number changes. If +0 is added to -0, the sum is +0.
 pub const NOTHING: f64 = -0.0;
 
 /// Calls a generic function whose number of states, 2 to [`STATES_MAX`], is only known at run time.
@@ -155,7 +155,7 @@ impl Chain {
         rates
     }
 
-    /// Change of each state over `dt` by these constant forces. -0 without forces.
+    /// Change of each state over `dt` by the constant forces of hand and offset. -0 without forces.
     pub fn hand_moves(&self, dt: f64) -> [f64; STATES_MAX] {
         if self.hand_n == 0.0 && self.offset_n == 0.0 {
             return [NOTHING; STATES_MAX];
@@ -177,7 +177,7 @@ impl Chain {
     ///
     /// The springs are in a row from the device's rest position to the arm's rest position. All springs carry the same
     /// force. A spring of stiffness 0 interrupts the row. Bodies behind the last interruption rest at the arm's rest
-    /// position, all others at the device's.
+    /// position, all other bodies at the device's rest position.
     pub fn rest_m(&self) -> [f64; 3] {
         let origin = self.device.rest_position_m;
         let (bodies, count) = self.bodies();
@@ -240,7 +240,8 @@ impl Chain {
         })
     }
 
-    /// Plant properties that limit the step of an integrator. The `nonlinear` elements count with their steepest slope.
+    /// Plant properties that limit the step of an integrator. The `nonlinear` elements are included with their steepest
+    /// slope.
     pub fn step_demand(&self, nonlinear: &Nonlinear) -> StepDemand {
         let [stiffness, damping] = self.per_mass(nonlinear.steepest());
         let pole_per_s = self.amplifier.map_or(0.0, |amplifier| amplifier.pole_per_s());
@@ -289,7 +290,7 @@ mod tests {
     };
     const MODE: Mode = Mode { mass_kg: 0.2, stiffness_n_per_m: 4e4, damping_n_s_per_m: 3.0 };
 
-    /// Accelerations at a state, from the forces on each body. They are computed without the chain's row of bodies.
+    /// Accelerations at a state, from the forces on each body. The calculation does not use the chain's row of bodies.
     fn accelerations(chain: &Chain, at_m: [f64; 3], speeds: [f64; 3], force_n: f64) -> Vec<f64> {
         let device = chain.device;
         let mut forces = [

@@ -3,10 +3,11 @@
 //! ```text
 //! reading = x + first sin(p) + second sin(2 p),   p = 2 pi x / cycle + phase
 //! ```
-//! An offset of the two signals gives an error once per cycle. An error twice per cycle has two possible causes:
-//! unequal amplitudes, or a phase other than 90 degrees between the signals. The result is then quantised.
+//! An offset of the encoder's two signals causes an error once per cycle. An error twice per cycle has two possible
+//! causes: unequal amplitudes, or a phase other than 90 degrees between the signals. The reading is then quantised.
 //!
-//! These are the first two terms of the error's Fourier series. The arctangent has no other terms of first order.
+//! The two sines are the first two terms of the error's Fourier series. The arctangent has no other terms of first
+//! order.
 
 use core::f64::consts::TAU;
 

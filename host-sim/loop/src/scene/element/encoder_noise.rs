@@ -1,7 +1,7 @@
 //! Encoder noise: a white Gaussian error of every reading, before quantisation.
 //!
-//! The noise is a function of seed, start of the hit and sample number. So it does not depend on the number of threads.
-//! All walls of a comparison get the same noise. Each repeat of a sweep gets another noise.
+//! The noise is a function of seed, start of the hit and sample number. So the noise does not depend on the number of
+//! threads. All walls of a comparison get the same noise. Each repeat of a sweep gets another noise.
 //!
 //! The model is the white measurement noise of Kalman filters. Quantisation is a separate step.
 

@@ -4,8 +4,8 @@
 //! sliding:  F = -sign(v) (coulomb + (static - coulomb) exp(-(v / stribeck_speed)^2))
 //! sticking: v = 0 exactly, for as long as the other forces stay within +-static
 //! ```
-//! Viscous friction is the device's damping. The instants of coming to rest and of breakaway are located. So rest means
-//! exactly speed 0, not a band of speeds around 0.
+//! Viscous friction is the device's damping. The instants at which the device comes to rest or breaks away are located.
+//! So the speed at rest is exactly 0; there is no band of speeds around 0.
 //!
 //! The curve is the standard Stribeck curve in its Gaussian form. Sticking is a separate state, as in Karnopp's
 //! model, but without Karnopp's band of speeds.
@@ -41,7 +41,7 @@ impl Friction {
         self.coulomb_n + beyond * libm::exp(-ratio * ratio)
     }
 
-    /// Steepest decrease of friction with speed, N s/m. It occurs at 1/sqrt(2) of the Stribeck speed.
+    /// Steepest decrease of friction with speed, N s/m. The slope is steepest at 1/sqrt(2) of the Stribeck speed.
     pub fn steepest_n_s_per_m(&self) -> f64 {
         let steepest = core::f64::consts::SQRT_2 * libm::exp(-0.5);
         (self.static_n - self.coulomb_n) / self.stribeck_speed_m_per_s * steepest

@@ -4,8 +4,8 @@
 //! controller assumes a reading at n T. Commands are not delayed, because a timer sets the time of the output. So the
 //! peak must not exceed the latency, and must be shorter than a sample.
 //!
-//! The 256 steps represent the ticks of the timer. With fixed steps the position is computed exactly, from a table. The
-//! distribution is uniform because nothing more is known about it.
+//! The 256 steps represent the ticks of the timer. Because the delays have fixed steps, the position is computed
+//! exactly, from a table. The distribution is uniform because nothing more is known about the delay.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,7 @@ use crate::numerics::random;
 
 /// Number of delay levels above 0.
 const LEVELS: u64 = 256;
-/// Makes these random numbers differ from those of the encoder noise.
+/// Number that makes the random delays independent of the encoder noise.
 const STREAM: u64 = 0x6a69_7474_6572;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

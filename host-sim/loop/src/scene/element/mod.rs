@@ -1,5 +1,5 @@
 //! The optional elements of a scene. Each file has one element: table of the scene file, equation, source, tests. An
-//! absent element is not modelled and costs no time.
+//! absent element is not modelled and needs no time.
 //!
 //! | element | table | advanced |
 //! |---------|-------|----------|

@@ -1,14 +1,14 @@
 //! Second vibration mode: a mass coupled to the device by a spring and a damper.
 //!
-//! The device's mass carries motor and encoder. The second mass is behind the transmission, and the hand holds it. Let
-//! x be the position of the device, and y the position of the second mass:
+//! The device's mass carries motor and encoder. The second mass is behind the transmission, and the hand holds this
+//! mass. Let x be the position of the device, and y the position of the second mass:
 //! ```text
 //! m y'' = -k (y - x) - b (y' - x')        and the opposite force on the device
 //! ```
 //! Motor and encoder stay on the same body. The mode is part of the exact step.
 //!
-//! The model is the standard two-mass model of motor, cable transmission and body. Vibration modes in haptic stability:
-//! Diaz, Gil, IEEE T-RO 26(1), 2010.
+//! The model is the standard two-mass model of motor, cable transmission and body. A source on vibration modes in
+//! haptic stability: Diaz, Gil, IEEE T-RO 26(1), 2010.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -3,7 +3,8 @@
 //! ```text
 //! F = force
 //! ```
-//! On a device with a spring it acts as a rest position moved by `force / stiffness`. It is part of the exact step.
+//! If the device has a spring, the force moves the rest position by `force / stiffness`. The force is part of the exact
+//! step.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

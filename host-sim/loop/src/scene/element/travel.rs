@@ -1,14 +1,14 @@
 //! Travel limits: stops at both ends of the device's travel.
 //!
-//! `stop = "spring"`, with d the depth beyond the end:
+//! `stop = "spring"`; d is the depth of the device beyond the end:
 //! ```text
 //! F = max(0, stiffness d + damping d')   against the motion, while d > 0; a stop never pulls
 //! ```
-//! Let a device of mass m, without other bodies, arrive with speed v. A force of at most F presses it on the stop. From
-//! the energy, its depth is `d <= F/k + sqrt((F/k)^2 + m v^2 / k)`.
+//! Let a device of mass m, without other bodies, arrive with speed v. A force of at most F presses the device on the
+//! stop. By conservation of energy, the depth of the device is `d <= F/k + sqrt((F/k)^2 + m v^2 / k)`.
 //!
-//! `stop = "rigid"`: the device turns back with `restitution` times its speed and never passes the end. After a bounce
-//! slower than [`REST_SPEED_M_PER_S`] it rests on the stop until a force moves it away.
+//! `stop = "rigid"`: the device never passes the end. It turns back with `restitution` times its speed. After a bounce
+//! slower than [`REST_SPEED_M_PER_S`], the device rests on the stop until a force moves the device away.
 //!
 //! Sources: the standard coefficient of restitution, and a Kelvin-Voigt contact. The contact force is limited to values
 //! from 0 on, because the damper would pull when the device leaves.

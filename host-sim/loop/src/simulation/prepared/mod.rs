@@ -42,7 +42,7 @@ pub struct PreparedScene {
     /// The wall's passivity controller, if the scene has one.
     passivity: Option<Passivity>,
     is_told: bool,
-    /// The accelerometer's readings of a hit. They are computed when lanes first need them.
+    /// The accelerometer's readings of a hit. The readings are computed when lanes first need readings.
     readings: Arc<OnceLock<Option<Readings>>>,
     /// If the criterion needs several pushes: the scene at each push.
     pushes: Vec<PreparedScene>,
@@ -133,11 +133,11 @@ impl PreparedScene {
         self.each(|of| Self { judge: of.judge.clone().with_measures(), ..of })
     }
 
-    /// The scene with the true velocity instead of an estimate. It is always run by the core itself. This corresponds
-    /// to a velocity sensor without noise, quantisation or delay. The counts stay the same.
+    /// The scene with the true velocity instead of an estimate. The core itself always runs the scene. The true
+    /// velocity corresponds to a velocity sensor without noise, quantisation or delay. The counts stay the same.
     ///
     /// # Errors
-    /// Those of [`new`](Self::new).
+    /// The errors of [`new`](Self::new).
     pub fn told(scene: &Scene) -> Result<Self, Error> {
         let velocity = VelocitySettings::Difference {}.into();
         let prepared = Self::new(&Scene { velocity, ..scene.clone() })?;
@@ -153,7 +153,7 @@ impl PreparedScene {
         &self.judge
     }
 
-    /// Checks the speed of the handle at the wall. It must not be larger than the core's velocity can represent.
+    /// Checks that the core's velocity can represent the speed of the handle at the wall.
     ///
     /// # Errors
     /// [`Error::Input`] names the largest speed.
@@ -228,7 +228,7 @@ impl PreparedScene {
         Full::new(&self.scene, hit.velocity.name().sense())
     }
 
-    /// Noise and sensor of the scene's accelerometer, for lanes. They are computed once.
+    /// Noise and sensor of the scene's accelerometer, for lanes. Noise and sensor are computed only once.
     pub(crate) fn readings(&self) -> Option<&Readings> {
         let readings = || Full::new(&self.scene, None).readings(self.samples());
         self.readings.get_or_init(readings).as_ref()

@@ -27,7 +27,8 @@ pub(super) type Observer<'a> = dyn FnMut(&Sample) + 'a;
 const EARLY_CHECK_SAMPLES: u32 = 256;
 
 impl PreparedScene {
-    /// Runs a whole hit. `observe` gets every sample; with several pushes, only those of the scene's own push.
+    /// Runs a whole hit. `observe` gets every sample. With several pushes, `observe` gets only the samples of the hit
+    /// with the scene's own push.
     ///
     /// # Errors
     /// A setting is out of range, or the handle leaves the core's range.
@@ -51,7 +52,7 @@ impl PreparedScene {
     /// [`hit`](Self::hit) without an observer.
     ///
     /// # Errors
-    /// Those of [`hit`](Self::hit).
+    /// The errors of [`hit`](Self::hit).
     pub fn report(&self, numeric: Numeric, hit: &WallHit) -> Result<HitReport, HitError> {
         let report = self.at_pushes(numeric, hit, false)?;
         report.ok_or(HitError::OutOfRange(0)) // never an error: each hit was run to its end
@@ -61,7 +62,7 @@ impl PreparedScene {
     /// gets every sample of the hit with the scene's own push.
     ///
     /// # Errors
-    /// Those of [`hit`](Self::hit).
+    /// The errors of [`hit`](Self::hit).
     pub fn reports(
         &self,
         numeric: Numeric,
@@ -80,7 +81,7 @@ impl PreparedScene {
         self.scene.wall_hit.push_n.to_bits() == other.scene.wall_hit.push_n.to_bits()
     }
 
-    /// Whether the handle touches the wall, in the window or before it.
+    /// Whether the handle touches the wall, in the window or before the window.
     pub fn touches(&self, numeric: Numeric, hit: &WallHit) -> bool {
         self.report(numeric, hit).is_ok_and(|report| report.peak_penetration_m > 0.0)
     }
@@ -93,13 +94,13 @@ impl PreparedScene {
         observe: Option<&mut Observer<'_>>,
     ) -> Result<HitReport, HitError> {
         let whole = self.by(numeric, hit, observe, false)?;
-        whole.ok_or(HitError::OutOfRange(0)) // never an error: it was run to its end
+        whole.ok_or(HitError::OutOfRange(0)) // never an error: the hit was run to its end
     }
 
     /// Report of a hit. `None` as soon as the hit is certain to be unstable.
     ///
     /// # Errors
-    /// Those of [`verdict`](Self::verdict).
+    /// The errors of [`verdict`](Self::verdict).
     pub fn bounded(&self, numeric: Numeric, hit: &WallHit) -> Result<Option<HitReport>, HitError> {
         self.at_pushes(numeric, hit, true)
     }
@@ -113,7 +114,7 @@ impl PreparedScene {
         deciding(self.pushes().iter().map(|of| of.by(numeric, hit, None, bounded)))
     }
 
-    /// Runs a hit. The arithmetic selects the controller.
+    /// Runs a hit. The arithmetic determines which controller runs.
     fn by(
         &self,
         numeric: Numeric,
@@ -136,7 +137,7 @@ impl PreparedScene {
         }
     }
 
-    /// Whether the scene has a passivity controller or a varying push. Such scenes are rare.
+    /// Whether the scene is rare: it has a passivity controller or a varying push.
     fn is_rare(&self) -> bool {
         self.passivity.is_some() || self.scene.wall_hit.protocol.varies()
     }
@@ -158,7 +159,7 @@ impl PreparedScene {
         }
     }
 
-    /// The verdict of a hit, as soon as it is certain.
+    /// The verdict of a hit. The hit ends as soon as the verdict is certain.
     ///
     /// # Errors
     /// A setting is out of range, or the handle leaves the core's range.
@@ -171,7 +172,7 @@ impl PreparedScene {
     }
 
     /// Runs a whole hit. The type of the plant is selected here, once per run and outside the loop. Few scenes have
-    /// inputs beside the count. Their hits share one loop for all plants.
+    /// inputs beside the count. The hits of these scenes share one loop for all plants.
     fn whole_hit<C: Controller + Copy>(
         &self,
         hit: &WallHit,
@@ -193,7 +194,7 @@ impl PreparedScene {
         })
     }
 
-    /// [`whole_hit`](Self::whole_hit) for any plant and any inputs. It is compiled once, for rare cases.
+    /// [`whole_hit`](Self::whole_hit) for any plant and any inputs. The function is compiled once, for rare cases.
     fn any_hit<C: Controller>(
         &self,
         hit: &WallHit,
@@ -221,11 +222,11 @@ impl PreparedScene {
         self.counted(hit, controller, true).map(|(verdict, _)| verdict)
     }
 
-    /// Verdict of a whole hit, and the RMS of its counts, m. It takes half the time of [`report`](Self::report). `None`
-    /// if the verdict needs more than counts.
+    /// Verdict of a whole hit, and the RMS of its counts, m. The function needs half the time of
+    /// [`report`](Self::report). `None` if the verdict needs more than counts.
     ///
     /// # Errors
-    /// Those of [`verdict`](Self::verdict).
+    /// The errors of [`verdict`](Self::verdict).
     pub fn rms(&self, numeric: Numeric, hit: &WallHit) -> Result<Option<(Verdict, f64)>, HitError> {
         if !self.judge.is_plain() || self.is_told || self.passivity.is_some() {
             return Ok(None);
@@ -343,8 +344,8 @@ impl PreparedScene {
     }
 }
 
-/// Runs a hit at each push, one after another. Returns the first hit that is not stable, without running the rest. If
-/// all are stable, returns the hit with the largest force RMS.
+/// Runs a hit at each push, one after another. Returns the first hit that is not stable; later hits are not run. If all
+/// hits are stable, returns the hit with the largest force RMS.
 fn deciding(
     hits: impl Iterator<Item = Result<Option<HitReport>, HitError>>,
 ) -> Result<Option<HitReport>, HitError> {

@@ -2,10 +2,10 @@
 //!
 //! | protocol | push divided by the scene's push | window |
 //! |----------|----------------------------|--------|
-//! | `taps` | 1 for the first half of [`TAP_S`]. Then a critically damped spring pulls the handle back to its start. Its force is at most 1, and 1 at the wall. A push from the start reaches the wall in 50 ms. | For each tap but the first: the second half of the time from contact to the end of the push. The worst tap decides. Motion and force are measured relative to the best-fitting polynomial of degree 5. So slow creep of the wall does not count as bouncing. |
+//! | `taps` | 1 for the first half of [`TAP_S`]. Then a critically damped spring pulls the handle back to its start. The spring's force is at most 1, and is 1 at the wall. A push from the start reaches the wall in 50 ms. | For each tap but the first: the second half of the time from contact to the end of the push. The worst tap decides. Motion and force are measured relative to the best-fitting polynomial of degree 5, so that slow creep of the wall is not judged as bouncing. |
 //! | `hand` | `1 + 0.3 (sin + sin + sin) / 3` at 0.7, 1.9 and 4.3 Hz | The scene's window. The RMS of motion and force includes only frequencies above 20 Hz, from a spectrum with Hann's window. |
 //!
-//! The scene selects whether motor or hand pushes. Push and force are held between two outputs.
+//! The scene selects whether motor or hand pushes. Push and force stay constant between two outputs.
 
 use std::f64::consts::TAU;
 
@@ -38,8 +38,8 @@ const REST_HZ: f64 = 20.0;
 /// polynomial follows motion up to about 25 Hz.
 const DEGREE: usize = 5;
 
-/// Start position of a tap, m. From rest at this position, the push needs [`TO_WALL_S`] to the wall. If the scene's
-/// start position is nearer to the wall, it is used instead.
+/// Start position of a tap, m. From rest at this position, the push moves the handle to the wall in [`TO_WALL_S`]. If
+/// the scene's start position is nearer to the wall, the tap starts there.
 pub(super) fn tap_start_m(scene: &Scene, plant: &AnyPlant) -> f64 {
     let push_n = scene.push_n(PushBy::Motor); // a hand's push is part of the plant
     let (wall_m, start_m) = (scene.wall.position_m, scene.device.start_position_m);
@@ -94,7 +94,7 @@ fn is_pressed(time_s: f64) -> bool {
 struct Seen {
     counts: Vec<i32>,
     positions_m: Vec<f64>,
-    /// For each output: index of its sample, then output and push as fractions of full scale.
+    /// Three numbers for each output: the index of its sample; the output and the push, as fractions of full scale.
     outputs: Vec<(usize, f64, f64)>,
 }
 
@@ -210,7 +210,8 @@ impl PreparedScene {
         }
     }
 
-    /// The worse of two taps. An unstable tap is worse than a stable one; else the larger RMS of the criterion decides.
+    /// The worse of two taps. An unstable tap is worse than a stable tap. Of two stable taps, the tap with the larger
+    /// RMS of the criterion is worse.
     fn worse(&self, kept: Option<HitReport>, next: HitReport) -> HitReport {
         let loud = |report: &HitReport| match self.scene.wall_hit.criterion {
             Criterion::Quiet => report.force_rms_n,
@@ -269,7 +270,7 @@ impl PreparedScene {
     }
 }
 
-/// The outputs at `samples` samples. Each output is held until the next output.
+/// The outputs at `samples` samples. Each output stays constant until the next output.
 fn held(outputs: &[(usize, f64, f64)], samples: usize) -> Vec<f64> {
     let ends = outputs.iter().skip(1).map(|(place, ..)| *place).chain([samples]);
     outputs
@@ -279,7 +280,7 @@ fn held(outputs: &[(usize, f64, f64)], samples: usize) -> Vec<f64> {
         .collect()
 }
 
-/// RMS of values about the best-fitting polynomial of [`DEGREE`]. It is computed with orthogonal polynomials.
+/// RMS of values about the best-fitting polynomial of [`DEGREE`]. The calculation uses orthogonal polynomials.
 fn about_polynomial(mut values: Vec<f64>) -> f64 {
     let length = values.len();
     let degree = DEGREE.min(length / 4); // a lower degree for few values

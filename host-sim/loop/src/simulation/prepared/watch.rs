@@ -20,7 +20,7 @@ pub(super) struct Judged {
     scatter: RunningVariance,
 }
 
-/// Limit of counts. Below it, the sum of the squared differences of a block's counts fits into 64 bits.
+/// Limit of counts. Below this limit, the sum of the squared differences of a block's counts fits into 64 bits.
 const NEAR: u32 = 1 << 26;
 
 #[inline]
@@ -30,7 +30,7 @@ fn few(samples: usize) -> u32 {
     few
 }
 
-/// Bitwise OR of the magnitudes. It is at least as large as each magnitude.
+/// Bitwise OR of the magnitudes. The result is at least as large as each magnitude.
 #[inline]
 fn magnitudes(numbers: impl Iterator<Item = i32>) -> u32 {
     numbers.fold(0, |bits, number| bits | (number ^ (number >> 31))).cast_unsigned()
@@ -47,7 +47,7 @@ impl Judged {
         self.plan.settle.into()
     }
 
-    /// The hit, as if its window had been its start.
+    /// The hit with the sums of the window, for the core's verdict.
     pub fn hit(&self) -> Hit {
         Hit::in_window(self.plan, self.contact_samples, self.scatter)
     }
@@ -91,11 +91,11 @@ impl Judged {
     }
 }
 
-/// Sums for the report of a whole hit, without those for the verdict.
+/// Sums for the report of a whole hit, without the sums for the verdict.
 #[derive(Clone, Debug)]
 pub(super) struct Shown {
     pub watch: Watch,
-    /// Positions in the window, m. They are only stored if `listens`.
+    /// Positions in the window, m; only stored if `listens`.
     pub motion: Vec<f64>,
     listens: bool,
     pub outputs: u32,

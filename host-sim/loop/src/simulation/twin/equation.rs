@@ -1,4 +1,4 @@
-//! The equations of all estimators. The twin runs them, and linear theory uses their frequency responses.
+//! The equations of all estimators. The twin runs these equations, and linear theory uses their frequency responses.
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
@@ -10,7 +10,7 @@ use zwidth::{
 
 use super::{foaw::Foaw, levant::Levant};
 
-/// The equation of an estimator, from differences of counts to a velocity. It has no state.
+/// The equation of an estimator, from differences of counts to a velocity. The state is stored separately.
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::large_enum_variant, reason = "copied once per run")]
 pub enum Equation {
@@ -18,7 +18,8 @@ pub enum Equation {
     Cascade([LowPass; 2]),
     /// Weighted sum of the last differences.
     Sum(FirDesign),
-    /// Change of the count over a window, divided by the number of its samples. The value is this number.
+    /// Change of the count over a window, divided by the window's number of samples. The variant's value is this
+    /// number.
     Ends(u32),
     Tracking(TrackingLoop),
     Kalman(KalmanDesign),
@@ -26,7 +27,7 @@ pub enum Equation {
     Observer(ObserverDesign),
     /// Observer that gets the acceleration.
     Fusion(ObserverDesign),
-    /// Time stamping. The value is the shortest time between the two edges, in samples.
+    /// Time stamping. The variant's value is the shortest time between the two edges, in samples.
     TimeStamps(u32),
     Foaw(Foaw),
     Levant(Levant),

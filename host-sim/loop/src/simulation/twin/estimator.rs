@@ -1,4 +1,4 @@
-//! The estimators in `f64`. They run their [equations](Equation).
+//! The estimators in `f64`, which run the [equations](Equation).
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
@@ -18,7 +18,7 @@ use super::{
 /// An estimator in `f64`. Velocities are in counts per sample.
 #[derive(Clone, Copy, Debug)]
 pub struct TwinEstimator {
-    /// One form for all common estimators. It is so small that it fits into registers.
+    /// One form for all common estimators, small enough for the registers.
     low_pass: Option<Section>,
     equation: Equation,
     memory: Memory,

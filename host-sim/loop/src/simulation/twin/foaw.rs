@@ -4,7 +4,8 @@ use super::LENGTH;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Foaw {
-    /// Whether the line is the least-squares fit to all samples of the window. Otherwise it goes through its two ends.
+    /// Whether the line is the least-squares fit to all samples of the window. Otherwise the line goes through the two
+    /// ends of the window.
     pub best: bool,
     /// Longest window, samples.
     pub window: u32,
@@ -31,7 +32,7 @@ impl Foaw {
         let mut velocity = past[0];
         for i in 2..=self.window {
             let (number, over) = self.slope(&s, i);
-            // all numbers are whole, so a sample exactly at the noise bound counts as inside
+            // all numbers are whole, so the comparison is exact; a sample exactly at the noise bound is inside
             let within = (0..i)
                 .zip(&s)
                 .all(|(j, s)| (s * over - f64::from(j) * number).abs() <= self.noise * over);

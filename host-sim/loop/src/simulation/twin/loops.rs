@@ -1,10 +1,11 @@
-//! Tracking loop and observer in `f64`, in textbook form. The core has a low-pass of the same response, or integers.
+//! Tracking loop and observer in `f64`, in textbook form. The core has a low-pass with the same response, or an integer
+//! form.
 //!
-//! The state is the position error `x - x^`, not x^. So the twin keeps all digits at any count.
+//! The state contains the position error `x - x^` in place of x^. So the twin keeps all digits at any count.
 
 use zwidth::velocity::{ObserverDesign, TrackingLoop};
 
-/// A state below this is set to zero, because subnormal numbers would make the loop slow.
+/// A state below this value is set to zero, because subnormal numbers would make the loop slow.
 const FLUSH_BELOW: f64 = 1e-30;
 
 /// `x - x^`, v^ and d^, in counts and samples. The tracking loop has no d^.

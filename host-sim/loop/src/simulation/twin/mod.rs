@@ -1,5 +1,5 @@
-//! The controller's twin in `f64`. It has the same equations, but does not quantise coefficients, velocities, gains or
-//! forces. A difference between twin and core is the effect of fixed point.
+//! The controller's twin in `f64`. The twin has the equations of the core, but does not quantise coefficients,
+//! velocities, gains or forces. A difference between twin and core is the effect of fixed point.
 
 mod equation;
 mod estimator;
@@ -33,7 +33,7 @@ pub enum Rounding {
     /// Only the rounding of `f64`.
     Exact,
     /// The output of the filter is rounded to the LSB of fixed point, 2^-16 counts per sample. The state of the filter
-    /// is not rounded. No fixed-point filter with this output format makes a smaller change.
+    /// is not rounded. A fixed-point filter with this output format changes the velocity at least as much.
     VelocityLsb,
 }
 
@@ -55,7 +55,7 @@ pub struct Twin {
     until_due: u32,
 }
 
-/// Addition and subtraction of this number round to a multiple of 2^-16 (ties to even).
+/// If this number is added to a value and then subtracted, the value is rounded to a multiple of 2^-16 (ties to even).
 pub(crate) const ROUND_TO_LSB: f64 = 1.5 * (1u64 << 36) as f64;
 
 impl Twin {

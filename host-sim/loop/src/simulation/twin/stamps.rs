@@ -54,8 +54,8 @@ impl Stamps {
         self.measured.clamp(-bound, bound).clamp(-32_767.0, 32_767.0)
     }
 
-    /// Velocity from the latest edge and an older edge. The older edge is the newest one that is older by at least the
-    /// span minus half a sample. If there is none, it is the oldest edge.
+    /// Velocity from the latest edge and an older edge. The older edge is the newest edge that came at least the span
+    /// minus half a sample before the latest edge. If there is no such edge, the oldest edge is used.
     fn measure(&self, span: f64) -> f64 {
         let span = span - 0.5;
         let edges = &self.edges[..self.known];

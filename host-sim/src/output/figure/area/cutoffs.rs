@@ -21,20 +21,21 @@ use super::{
 };
 
 const CUTOFF_SIZE: f64 = 11.0;
-/// Distance from the frame to the middle of the first row of numbers. It is also the distance between rows.
+/// Distance from the frame to the middle of the first row of numbers. The distance between rows is the same.
 pub(super) const ROW_DROP: f64 = 12.5;
 pub(super) const ROW_PITCH: f64 = 13.0;
-/// Number of rows. If there is no space for a number in any row, its cutoff has only a tick.
+/// Number of rows. If no row has space for the number of a cutoff, the cutoff has only a tick.
 const MOST_ROWS: usize = 2;
 /// Smallest space between two numbers in a row.
 const LABEL_SPACE: f64 = 4.0;
 
 const TICK_WIDTH: f64 = 1.0;
-/// Colour of the line from a tick to its number in the second row. It is light, because it passes close to other
-/// numbers.
+/// Colour of the line from a tick to its number in the second row. The colour is light, because the line passes close
+/// to other numbers.
 const LEADER: RGBColor = RGBColor(190, 190, 190);
 
-/// Space left and right of the outermost cutoffs, as a fraction of the axis; `LEAST_PAD` is its minimum, as a factor.
+/// Space left and right of the outermost cutoffs, as a fraction of the axis. `LEAST_PAD` is the smallest space, as a
+/// factor of the cutoff.
 const PAD_SHARE: f64 = 0.04;
 const LEAST_PAD: f64 = 1.06;
 const LONE_PAD: f64 = 2.0;
@@ -50,7 +51,7 @@ pub(super) fn cutoff_range(points: &[AreaPoint]) -> Range<f64> {
     low / pad..high * pad
 }
 
-/// The numbers at a cutoff: the nominal cutoff below the plot, the true cutoff above it.
+/// The numbers at a cutoff: the nominal cutoff below the plot, the true cutoff above the plot.
 pub(super) struct Label {
     x: f64,
     cutoff_hz: f64,

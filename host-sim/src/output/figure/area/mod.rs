@@ -27,7 +27,7 @@ use super::{
 };
 
 const LEFT: f64 = 56.0;
-/// Top of the plot with one row of numbers above it.
+/// Top of the plot if one row of numbers is above the plot.
 const TOP: f64 = 112.0;
 const RIGHT: f64 = WIDTH - MARGIN - 8.0;
 const PLOT_HEIGHT: f64 = 220.0;
@@ -48,12 +48,13 @@ const LINE_WIDTH: f64 = 1.6;
 const BAR_WIDTH: f64 = 1.1;
 const CAP_HALF: f64 = 3.5;
 const DOT_RADIUS: f64 = 2.8;
-/// Radius of the ring around the ideal mean. The ring is open, so its error bar is visible.
+/// Radius of the ring around the ideal mean. The ring is open, so the error bar inside the ring is visible.
 const IDEAL_RADIUS: f64 = 6.0;
 const IDEAL_HOLE: f64 = 4.2;
 const BAND_OPACITY: f64 = 0.18;
 const RANGE_OPACITY: f64 = 0.13;
-/// Distance from the end of the shaded range to its outermost cutoff, so that all its points are inside.
+/// Distance from the end of the shaded range to the outermost cutoff in the range, so that all points of the range are
+/// inside.
 const RANGE_MARGIN: f64 = 6.0;
 
 #[derive(Debug, Clone, PartialEq)]
