@@ -1,11 +1,11 @@
 //! Compares the program in flash with its checksum, which the build puts into the image.
 //!
-//! A linker makes no checksums. It leaves a word behind the vectors, the seal (`_seal` of memory.x), with all bits set.
-//! After linking, the package `seal` puts the checksum there. It covers vectors, code, constants and the data that is
-//! copied to RAM at boot. The linker's names give the first and last word of each part. The gaps between the parts are
-//! never read. Sectors that are written later are not covered. The settings have checksums of their own and are read
-//! only at `load`. The device record also has its own checksum. Each pass checks it, because the program reads envelope
-//! and designs from it all the time.
+//! A linker computes no checksums. It leaves one word behind the vectors, with all bits set. This word is the seal
+//! (`_seal` of memory.x). After linking, the package `seal` writes the checksum to this word. The checksum covers
+//! vectors, code, constants and the data that is copied to RAM at boot. The linker's symbols give the first and last
+//! word of each part. The gaps between the parts are never read. Sectors that are written later are not covered. The
+//! settings have checksums of their own and are read only at `load`. The device record also has its own checksum. Each
+//! pass checks the record too, because the program reads envelope and designs from the record all the time.
 //!
 //! | when | by | wrong |
 //! |------|----|-------|
@@ -14,7 +14,8 @@
 //! | with each pass of `link` | [`PassWatch`] | the same, if a pass was wrong, or if none has ended for [`LONGEST`] |
 //!
 //! Two independent checks find a wrong image while the force may be on. `idle` adds the checksums of each pass to a
-//! sum. `link` accepts only steps of [`RIGHT`] in this sum. If a flipped bit stops one check, the other one finds it.
+//! sum. `link` accepts only steps of [`RIGHT`] in this sum. If a flipped bit stops one of the two checks, the other
+//! check finds the wrong image.
 
 use core::fmt;
 
@@ -26,15 +27,16 @@ use crate::{
 /// The seal of an image that is not sealed.
 pub const UNSEALED: u32 = u32::MAX;
 
-/// Words that `idle` reads each time that it wakes, at most 0.1 ms after the last time: 256 KiB in a tenth of a second.
-/// A flip just behind the read position is found by the end of the next pass.
+/// Words that `idle` reads each time that it wakes. `idle` wakes at least every 0.1 ms, so it reads 256 KiB in a tenth
+/// of a second. A flip just behind the read position is found by the end of the next pass.
 pub const SLICE: usize = 64;
 
 /// Longest time from the end of one pass to the end of the next, samples: 0.5 s. A pass takes a fifth of this time,
 /// also while a host sends without a pause.
 pub const LONGEST: u32 = 500 * SAMPLES_PER_MS;
 
-/// Sum of the two CRCs of an intact pass: over image and record, each followed by its stored checksum.
+/// Sum of the two CRCs of an intact pass. One CRC covers the image and its stored checksum. The second CRC covers the
+/// record and its stored checksum.
 pub const RIGHT: u32 = RESIDUE.wrapping_mul(2);
 
 /// Parts of an image, without its seal.
@@ -143,7 +145,7 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// Checks that passes end in time, and that none was wrong, by the sum over all passes.
+/// Checks that passes end in time. Checks by the sum over all passes that none was wrong.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PassWatch {
     sum: u32,

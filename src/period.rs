@@ -25,11 +25,11 @@ const SAMPLE: u32 = 16_800;
 pub const GUARD: u32 = 220;
 /// Core cycles of a `render` with no order or a small one. Large orders are not given while the logger writes.
 const RENDER: u32 = 3_600;
-/// Most core cycles for which the logger delays `render`, without the sample in this time.
+/// Most core cycles by which the logger delays `render`. The cycles of a sample during the delay are not included.
 const MASK: u32 = 8_600;
 
-/// Cycles per sample that the longest update of an estimator may take. It is the time between two outputs, less a fifth
-/// for wait states, less a `render` that the logger has delayed.
+/// Cycles per sample that the longest update of an estimator may take. The time between two outputs, less a fifth for
+/// wait states, less a `render` that the logger has delayed, is divided among the samples.
 pub const fn cycles_allowed(period: u32) -> u32 {
     let between = period.saturating_mul(SAMPLE / 5 * 4).saturating_sub(MASK + RENDER);
     match between.checked_div(period) {
@@ -38,8 +38,8 @@ pub const fn cycles_allowed(period: u32) -> u32 {
     }
 }
 
-/// Estimators whose longest update takes too long at some of the periods, with its measured cycles
-/// (docs/estimators.md). All others take less.
+/// Estimators whose longest update takes too long at some of the periods, with the measured cycles of this update
+/// (docs/estimators.md). The updates of all other estimators take fewer cycles.
 pub const SLOW: [(&str, u32); 6] = [
     ("least-squares-1", 1726),
     ("least-squares-2", 1726),

@@ -83,7 +83,7 @@ impl Velocity {
     /// The nearest velocity to `counts` counts per sample.
     #[inline]
     pub fn saturating_from_counts(counts: i32) -> Self {
-        // It is nearly always in range, so one comparison is enough instead of two.
+        // The value is nearly always in range. Then one comparison is enough instead of two.
         let inside =
             counts.wrapping_add(Self::LIMIT).cast_unsigned() <= 2 * Self::LIMIT.cast_unsigned();
         if inside {
@@ -177,7 +177,7 @@ impl Force {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Demand {
     bits: i64,
-    /// Whether even this range was too small.
+    /// Whether the requested force was beyond even this range.
     clipped: bool,
 }
 

@@ -1,9 +1,10 @@
 //! Gives the newest value from a task to a task that preempts it: two buffers, and a pointer to the valid one.
 //!
 //! The reader only takes a reference: no copy, no check, one load. This is sound only because the reader preempts the
-//! writer on a single core. For the writer a whole pass of the reader takes no time. If the pass comes before the
-//! pointer changes, it sees the old buffer. If it comes after, it sees the new one. The writer never writes the valid
-//! buffer. For the same reason only the compiler must keep the order of the stores.
+//! writer on a single core. The writer stands still during a whole pass of the reader. If the pass comes before the
+//! pointer changes, the reader sees the old buffer. If the pass comes after the change, the reader sees the new buffer.
+//! The writer never writes the valid buffer. Because there is a single core, only the compiler must keep the order of
+//! the stores.
 
 use core::{
     cell::UnsafeCell,
@@ -58,7 +59,8 @@ impl<T: Copy> DoubleBuffer<T> {
 }
 
 impl<T: Copy + 'static> DoubleBuffer<T> {
-    /// The valid value, for a task below the writer. `None` if the writer published one during the copy.
+    /// The valid value, for a task of lower priority than the writer. `None` if the writer published a new value during
+    /// the copy.
     pub fn look<P: Static<Self>>() -> Option<T> {
         let buffer = P::place();
         let newest = buffer.newest.load(Relaxed);

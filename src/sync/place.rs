@@ -1,9 +1,9 @@
-//! The memory of a task. A task that it preempts may copy a part of it, at no cost for the owner.
+//! The memory of a task. A task that it preempts may copy a part of the memory. The owner does nothing for this copy.
 //!
 //! The owner works in its place and ignores the viewer. This is sound only because the owner preempts the viewer on a
-//! single core. For the viewer a whole pass of the owner takes no time. Between two passes nobody holds a reference.
-//! Each pass counts up a number. If a pass comes during a copy, this number differs before and after the copy. Then the
-//! viewer copies again. Passes are far apart (a sample), so this happens at most once.
+//! single core. The viewer stands still during a whole pass of the owner. Between two passes no reference to the data
+//! exists. Each pass counts up a number. If a pass comes during a copy, this number differs before and after the copy.
+//! Then the viewer copies again. Passes are far apart (a sample), so this happens at most once.
 
 use core::{
     cell::UnsafeCell,

@@ -2,8 +2,8 @@
 //! value.
 //!
 //! The writer only stores and numbers. This is sound only because the writer preempts the reader on a single core. So
-//! the reader never sees a half-written value. But a whole write may come during its copy. Then the number has changed,
-//! and the reader copies again. Writes are far apart (a sample), so this happens at most once.
+//! the reader never sees a half-written value. But a whole write may come while the reader copies. Then the number has
+//! changed, and the reader copies again. Writes are far apart (a sample), so this happens at most once.
 
 use core::{
     cell::UnsafeCell,

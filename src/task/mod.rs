@@ -9,7 +9,7 @@
 //! ```
 //! No task waits. `Report` and `Order` go through single-producer, single-consumer queues. Positions go through a
 //! [`position_ring`](crate::sync::position_ring). `link` reads the positions there too, and the sampler itself
-//! ([`Viewer`](crate::sync::Viewer)). Of all other values only the newest counts. `SampleReport` and `Guard` go up
+//! ([`Viewer`](crate::sync::Viewer)). Of all other values only the newest is needed. `SampleReport` and `Guard` go up
 //! through [`Seqlock`](crate::sync::Seqlock). `LoopParameters` and `GuardCommand` go down through
 //! [`DoubleBuffer`](crate::sync::DoubleBuffer).
 

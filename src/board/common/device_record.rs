@@ -1,12 +1,12 @@
-//! The device record, in its own flash sector (memory.x). The build puts the first one there. Another one can be
+//! The device record, in its own flash sector (memory.x). The build puts the first record there. Another record can be
 //! programmed in its place.
 
 use zwidth::device::record::WORDS_MAX;
 
 const BYTES: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/device.record"));
 
-/// No code uses this name, so the compiler cannot assume the content. The program sees a record that is programmed
-/// later.
+/// No code uses this name, so the compiler cannot assume the content. If another record is programmed later, the
+/// program reads that record.
 #[used]
 // SAFETY: the section holds nothing else, and memory.x keeps a whole sector for it.
 #[unsafe(link_section = ".device")]

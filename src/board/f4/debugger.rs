@@ -2,8 +2,8 @@
 //!
 //! While the core is halted, TIM1 switches its outputs off. TIM1 and the sampling timer stand still, so they stay in
 //! phase. The watchdog and TIM6 run on. The manuals say that the outputs are off "as if" MOE were reset. If MOE is only
-//! masked, the last force is back with the first instruction. Debuggers clear the core's own flag of a halt (DFSR). So
-//! a halt is found by the time that passes without samples.
+//! masked, the last force acts again with the first instruction after the halt. Debuggers clear the core's own flag of
+//! a halt (DFSR). So a halt is found by the time that passes without samples.
 
 use stm32f4xx_hal::{
     pac,
@@ -30,7 +30,7 @@ pub struct Halts {
 }
 
 impl Halts {
-    /// A running timer. `clock_hz`: of APB1's timers.
+    /// A running timer. `clock_hz`: clock of APB1's timers.
     pub fn new(timer: pac::TIM6, clock_hz: u32, rate_hz: u32, rcc: &mut Rcc) -> Self {
         pac::TIM6::enable(rcc);
         pac::TIM6::reset(rcc);

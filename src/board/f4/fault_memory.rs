@@ -45,7 +45,8 @@ fn write(words: &[u32; FaultRecord::WORDS]) {
     unsafe { ptr::write_volatile(ADDRESS, *words) }
 }
 
-/// Notes a fault from the panic and fault handlers. If the force was on, the record then says that this fault ended it.
+/// Notes a fault from the panic and fault handlers. If the force was on, the record also states that this fault
+/// switched the force off.
 pub(in crate::board) fn note(fault: Fault) {
     let record = match FaultRecord::from_words(&read()) {
         Some(record) if record.fault == Fault::ResetWhileArmed => record.renamed(fault),

@@ -47,7 +47,7 @@ pub trait Wiring: Sized {
     const NAME: &'static str;
     /// Core clock, Hz. The timers of APB1 run at half of it.
     const CORE_HZ: u32;
-    /// Level of the supply detector (PLS, three bits): the flash has to work down to it.
+    /// Level of the supply detector (PLS, three bits): the flash has to work down to this voltage.
     const SUPPLY_LEVEL: u8;
     const OUTPUT: Output;
     const ENABLE: pin::BoardPin;
