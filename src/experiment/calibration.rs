@@ -1,8 +1,8 @@
 //! Force calibration: a constant force outside the wall. It rises slowly and is then held, so that a weight or a force
 //! gauge can measure it. The calibration ends by itself when the handle moves.
 //!
-//! docs/tuning.md has two ways to use it. A gauge holds the handle, and shows the held force. Or a weight rests on the
-//! handle, and the force that lifts it is reported.
+//! docs/tuning.md has two ways to use it. In the first way a gauge holds the handle and shows the force. In the second
+//! way a weight rests on the handle. The board reports the force that lifts the weight.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -22,7 +22,7 @@ pub struct CalibrationSettings {
     pub rise_percent_per_s: f64,
     /// Time to hold the force, s.
     pub hold_s: f64,
-    /// Travel from the first position at which the handle counts as moved, m.
+    /// Distance after which the handle counts as moved, m. It begins at the position of the first output.
     pub travel_m: f64,
 }
 
@@ -133,8 +133,8 @@ impl Calibration {
         self.plan.is_whole()
     }
 
-    /// Continues from the present force to another one. The total time is not restarted, because a push without motion
-    /// is not looked for during a calibration.
+    /// Continues from the present force to another one. The total time is not restarted, because the check for a push
+    /// without motion is off during a calibration.
     pub fn retarget(&mut self, plan: CalibrationPlan) {
         self.plan.set(plan);
         self.held = 0;

@@ -1,9 +1,10 @@
 //! Walls that a person would call quiet. At each of [four pushes](PUSHES) three conditions hold. The handle rests
 //! within a [count](rms_limit_m). The force changes by less than people can feel. The wall
-//! [stands](QuietWindow::stands): its penetration fits its force.
+//! [stands](QuietWindow::stands): its penetration is right for its force.
 //!
-//! At one push a force can rest on a whole count by chance. At four neighbouring pushes it does not. During a hit,
-//! integers sum up the motion and the codes. The functions here are called once, at its end.
+//! At a single push the handle can rest on a whole count by chance, with a constant force. This chance does not repeat
+//! at four neighbouring pushes. During a hit, integers sum up the motion and the codes. The functions here are called
+//! once, at the end of the hit.
 
 /// Criterion of a stable wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,13 +50,13 @@ pub struct QuietWindow {
     pub force_rms_n: f64,
     /// Mean force of the wall, N.
     pub wall_force_n: f64,
-    /// K times the mean penetration, over `wall_force_n`. 1 if K carries the load; `None` if `wall_force_n` is 0.
+    /// K times the mean penetration, divided by `wall_force_n`. 1 if K carries the load; `None` if `wall_force_n` is 0.
     pub penetration_ratio: Option<f64>,
     /// K times one count, N.
     pub count_n: f64,
 }
 
-/// K times the mean penetration, over the mean force of the wall. `None` if that force is 0.
+/// K times the mean penetration, divided by the mean force of the wall. `None` if that force is 0.
 pub fn penetration_ratio(spring_n: f64, wall_force_n: f64) -> Option<f64> {
     (wall_force_n != 0.0).then(|| spring_n / wall_force_n)
 }

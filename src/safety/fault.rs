@@ -91,7 +91,7 @@ faults! {
     Memory = 44, "memory";
     /// An interrupt without a task came.
     Interrupt = 45, "unexpected interrupt";
-    /// The program in flash, or the device record, is not the one that was checked at boot.
+    /// The program in flash, or the device record, has changed since the check at boot.
     Image = 46, "image";
 }
 

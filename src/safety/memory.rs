@@ -15,7 +15,7 @@ use crate::{
 pub struct FaultRecord {
     /// The first fault.
     pub fault: Fault,
-    /// All faults since then, with the first one.
+    /// All faults since the first fault, including the first fault.
     pub causes: FaultSet,
     /// Sample of the first fault, counted from the reset before it.
     pub sample: u64,
@@ -23,7 +23,7 @@ pub struct FaultRecord {
     pub position: Position,
     /// Velocity at that output, counts per sample.
     pub velocity: Velocity,
-    /// Force that acted until then.
+    /// Force that acted until that output.
     pub force: Force,
     /// Flags of the last output before the fault.
     pub flags: Flags,

@@ -172,9 +172,9 @@ fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
     words
 }
 
-/// Whether these words look like a damaged record: three of the first four bytes are right. Other words look so with a
-/// probability of one in four million. A valid record of another layout, or with an estimator that this image lacks,
-/// belongs to another image and does not count.
+/// Whether these words look like a damaged record: three of the first four bytes are right. Words of another kind look
+/// like this with a probability of one in four million. A valid record of another layout, or with an estimator that
+/// this image lacks, belongs to another image and is not damaged.
 pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     let [body @ .., check] = words;
     if crc::of_words(body) == *check {
@@ -186,7 +186,7 @@ pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     right.into_iter().filter(|&right| right).count() >= 3
 }
 
-/// Sequence number and content of a further record, if these words are one.
+/// Sequence number and content of a further record, if these words are a further record.
 pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Further)> {
     let [body @ .., check] = words;
     let [HEAD_FURTHER, sequence, numbers @ ..] = body else { return None };

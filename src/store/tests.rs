@@ -230,7 +230,7 @@ fn of_many_parameters(n: f64) -> Stored {
     stored
 }
 
-/// A further record stands before its main record, and counts only together with it.
+/// A further record is written before its main record, and is valid only together with the main record.
 #[test]
 #[cfg(feature = "estimators")]
 #[cfg_attr(miri, ignore = "thousands of saves")]
@@ -360,7 +360,7 @@ fn what_another_program_has_left_is_nothing_saved_and_does_not_stay() {
     }
 }
 
-/// Beside a sector with our own records, the newest of these records counts.
+/// Beside a sector with our own records, the newest of these records is used.
 #[test]
 fn nor_is_it_damage_beside_what_was_saved() {
     let mut flash = Mock::<4>::new();

@@ -35,7 +35,7 @@ impl Supervisor {
             Request::Stall(stall) => {
                 self.down.stall = stall;
                 if stall {
-                    self.down.jump = GuardCommand::ANY; // until the output after its end
+                    self.down.jump = GuardCommand::ANY; // until the output after the stall's end
                 }
                 Ok(())
             }

@@ -111,7 +111,7 @@ fn out_of_range_needs_a_zero_before_clear() {
 fn a_missing_output_is_off_when_the_next_is_due_and_a_stuck_task_is_named() {
     let mut bench = Bench::armed();
     while !bench.sample().due {}
-    bench.missing = 1; // this one is lost; found at the due sample after it
+    bench.missing = 1; // this output is lost; the due sample after it shows that
     assert_eq!(bench.samples_until_off(), 20);
     bench.run(20);
     assert_eq!(bench.fault(), Some(Fault::LateRender));

@@ -91,7 +91,7 @@ fn a_zero_that_would_put_the_handle_into_the_wall_is_refused_while_armed() {
 
     let mut bench = Bench::armed();
     bench.held = true;
-    bench.control = control(0.0, 1e5); // its surface is at 0: the handle will be there, not in it
+    bench.control = control(0.0, 1e5); // the surface is at 0: the handle will be at the surface, not in the wall
     bench.position_m -= 100e-6;
     bench.run(20);
     assert_eq!(bench.ask(Request::Zero), Ok(()));
