@@ -1,6 +1,7 @@
 //! The share of the time that the host may use. Further bytes wait in the channel; none is refused.
 
-/// Lines and answers use at most 4 / `PARTS` of the time. Telemetry at output period 1 uses half as much again.
+/// Lines and answers use at most 4 / `PARTS` of the time. Telemetry at output period 1 needs half of this time in
+/// addition.
 const PARTS: u16 = 21;
 /// Longest wait of a line for the lines before it, ticks. So the board still listens if `rest` is damaged.
 const LONGEST: u16 = 1200;

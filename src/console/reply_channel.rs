@@ -1,7 +1,7 @@
 //! The channel of the console's lines for people.
 //!
-//! If nobody reads, the last line waits until somebody does. Until then only `stop` and `disarm` are obeyed. So nothing
-//! changes without an acknowledgement.
+//! If nobody reads, the last line waits until somebody reads. Until then only `stop` and `disarm` are obeyed. So
+//! nothing changes without an acknowledgement.
 
 use core::fmt::{self, Write as _};
 

@@ -3,8 +3,9 @@
 //! An [`Estimator`] has integer coefficients, from the settings of a person. A [`State`] has the values that the
 //! samples have left, and the number of their estimator. An estimator never continues from the state of another
 //! estimator or tuning. Instead it starts from the velocity of the last sample, as if the handle had always moved at
-//! it. Otherwise one flicker of the counts could give a wide filter a slope that carries a narrow filter far away.
-//! [`Tuned`] is an estimator with the number of its tuning, so that it comes into force as a whole, with one sample.
+//! this velocity. Otherwise one flicker of the counts could leave a slope in the state of a fast filter. With this
+//! slope a slow filter would drift far away. [`Tuned`] is an estimator with the number of its tuning, so that both come
+//! into force together, with one sample.
 
 mod biquad;
 #[cfg(feature = "estimators")]
@@ -73,14 +74,14 @@ trait Form {
 
     const REST: Self::State;
 
-    /// The state after many samples at this velocity. With it the form replaces another one.
+    /// The state after many samples at this velocity. If this form replaces another form, it starts with this state.
     fn at(&self, velocity: Velocity) -> Self::State;
 
     /// The velocity after a move by `difference` counts, in counts per sample.
     fn step(&self, state: &mut Self::State, difference: i32, senses: &Senses) -> Velocity;
 
     /// [`step`](Self::step) with a seal, which is the expected sum of the state. The form adds each new value to the
-    /// seal, and subtracts each old one. If a bit of the state flips between two steps, the seal differs from the
+    /// seal, and subtracts each old value. If a bit of the state flips between two steps, the seal differs from the
     /// state's sum from then on.
     #[inline(always)]
     fn sealed(
@@ -159,8 +160,8 @@ fn steps<F: Form>(
 impl Estimator {
     /// The velocity at this sample, in counts per sample.
     ///
-    /// The usual estimators are inlined, the others are called. So the others do not push the state of the usual ones
-    /// out of the registers.
+    /// The usual estimators are inlined, all other estimators are called. So the state of a usual estimator stays in
+    /// registers.
     #[inline(always)] // called, it would put senses that nobody looks at into memory
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
         self.update_as(Tuning::first(self), state, position, senses)
@@ -200,7 +201,7 @@ impl Estimator {
     #[cold]
     #[inline(never)]
     fn take_over(&self, tuning: Tuning, running: &mut Running) {
-        // If the seal fits with this tuning, the estimator was not changed: a bit of its number has flipped.
+        // If the seal is right for this tuning, the estimator was not changed. Instead a bit of its number has flipped.
         let same = running.memory.sum(self).wrapping_add(tuning.0.into()) == running.seal;
         running.tuning = tuning;
         if !same {
@@ -225,8 +226,8 @@ impl Tuning {
     }
 }
 
-/// An [`Estimator`] in force. It starts anew with its first sample if estimator or tuning differs from the one
-/// [before](Self::after).
+/// An [`Estimator`] in force. It starts anew with its first sample if estimator or tuning has changed, see
+/// [`after`](Self::after).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tuned {
     tuning: Tuning,
@@ -343,7 +344,7 @@ pub struct State {
 }
 
 impl State {
-    /// A handle at rest at `position`. This counts as the sample before the first one.
+    /// A handle at rest at `position`. This position is taken as the sample before the first sample.
     pub fn at_rest(position: Position) -> Self {
         Self::behind(position, Running::REST)
     }
@@ -397,7 +398,7 @@ impl State {
         self.restart();
     }
 
-    /// From now on the position of the last sample has the number `position`. The velocity stays.
+    /// From now on the place of the handle at the last sample is called `position`. The velocity stays.
     pub fn rebase(&mut self, position: Position) {
         self.previous = position;
     }
@@ -414,7 +415,7 @@ mod tests {
         if name.text() == "levant-explicit" { 2 * (65_536 / 5) } else { 0 }
     }
 
-    /// Every estimator measures a constant speed, and an estimator that takes over continues at it.
+    /// Every estimator measures a constant speed. An estimator that replaces another one continues at this speed.
     #[test]
     #[cfg_attr(miri, ignore = "every pair, 2200 samples each")]
     fn an_estimator_that_takes_over_goes_on_at_the_velocity_of_the_old_one() {
@@ -439,7 +440,7 @@ mod tests {
         }
     }
 
-    /// After any samples: from its bytes on an estimator gives the same velocities as before.
+    /// After any samples, an estimator that is restored from its bytes gives the same velocities as the original.
     #[test]
     #[cfg_attr(miri, ignore = "every estimator, 900 samples each")]
     fn an_estimator_goes_on_from_its_bytes_as_it_went_on() {
@@ -496,7 +497,7 @@ mod tests {
             let mut place = Bytes::new(&mut bytes);
             running.memory.put(&tuned, &mut place);
             let length = place.used().unwrap();
-            // A ring that is made from bytes has their sum: see its own test.
+            // A ring that is made from bytes has the sum of these bytes: see the ring's own test.
             let ring = name.text().starts_with("taylor") || name.keys().contains(&"window_samples");
             for bit in (0..8 * length).filter(|_| !ring) {
                 bytes[bit / 8] ^= 1 << (bit % 8);
@@ -512,7 +513,7 @@ mod tests {
                     }
                 }
             }
-            // With a flipped bit of the number another tuning seems to have run. The estimator continues all the same.
+            // With a flipped bit of the number another tuning seems to have run. The estimator continues nevertheless.
             for bit in 0..16 {
                 let tuning = Tuning(running.tuning.0 ^ 1 << bit);
                 let mut broken = Running { tuning, ..running };

@@ -1,5 +1,5 @@
-//! Telemetry: one frame each millisecond, with the outputs of this millisecond and the counts of all its samples. Some
-//! frames have a key. From a key a reader can compute every later sample.
+//! Telemetry: one frame each millisecond, with the outputs of this millisecond and the counts of all samples in this
+//! millisecond. Some frames have a key. From a key a reader can compute every later sample.
 
 use super::Console;
 use crate::{

@@ -113,7 +113,7 @@ impl Port for Board {
     }
 }
 
-/// Off, and everything allows arming.
+/// Off, and all conditions of `arm` are fulfilled.
 const OFF: Status = Status {
     state: State::Off,
     fault: None,

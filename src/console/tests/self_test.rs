@@ -1,4 +1,4 @@
-//! `selftest`: part by part, with an order before each.
+//! `selftest`: part by part, with an order before each part.
 
 use std::vec;
 

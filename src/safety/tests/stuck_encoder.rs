@@ -67,7 +67,7 @@ fn the_way_of_the_heaviest_handle_itself_is_enough() {
     }
 }
 
-/// At slightly more than 10 % the heaviest handle does not move either.
+/// At slightly more than 10 % the heaviest handle does not move, so only the first check can fail.
 #[test]
 fn a_flicker_of_two_counts_is_no_motion_and_three_are() {
     let flicker =
