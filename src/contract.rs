@@ -120,7 +120,8 @@ pub fn start<E: Encoder, F: ForceOutput, T: SampleTimer>() {
     T::start();
 }
 
-/// Switches off: first enable inactive, then zero force. It consists of a few stores. Any task and handler may call it.
+/// Switches off: first enable inactive, then zero force. This function consists of a few stores. Any task and handler
+/// may call it.
 #[inline(always)]
 pub fn off<F: ForceOutput, E: Enable>() {
     E::off();
@@ -228,8 +229,8 @@ pub trait SampleTimer {
 /// The force output: turns a whole command into a force.
 pub trait ForceOutput {
     /// Sets the output to a command, which the core has clamped to the range of [`Board::OUTPUT`]. `mirrored` mirrors
-    /// it about zero force, if the motor is mounted the other way round. It has no effect while enable is inactive.
-    /// Called once per output, by `render`.
+    /// the command about zero force, if the motor is mounted the other way round. The output has no effect while enable
+    /// is inactive. Called once per output, by `render`.
     fn write(&mut self, command: OutputCode, mirrored: bool);
 
     /// Sets zero force at once, or with the output's next period. For any task and handler.
@@ -252,7 +253,8 @@ pub trait Enable {
     /// Makes the line inactive, now. For any task and handler.
     fn off();
 
-    /// Whether the line is active. It is read back, so this is false as soon as hardware has switched it off.
+    /// Whether the line is active. The level is read back, so the result is false as soon as hardware has switched the
+    /// line off.
     fn is_on(&self) -> bool;
 
     /// Whether the emergency stop was open at any time since [`on`](Self::on), however briefly.
@@ -312,8 +314,8 @@ pub trait ReadBack {
 }
 
 /// Hardware that makes enable inactive when no output has come for
-/// [`OUTPUT_WATCHDOG_US`](crate::period::OUTPUT_WATCHDOG_US). It also works if the core stands still, is locked up or
-/// has masked its interrupts.
+/// [`OUTPUT_WATCHDOG_US`](crate::period::OUTPUT_WATCHDOG_US). This hardware also works if the core stands still, is
+/// locked up or has masked its interrupts.
 pub trait OutputWatchdog {
     /// Restarts the time. Called by `render` with each output, whether the force is on or off, so that the hardware
     /// never acts during [`Enable::on`]. `sample`: number of the output's sample. `halted`: a debugger has had the core

@@ -161,9 +161,9 @@ impl<W: Width> Sampler<W> {
     }
 
     /// As [`sense`](Self::sense), for the first [`RUN`] readings (as signed numbers). Only the last reading may have an
-    /// output. This is for simulators, which have several readings at once. They look up the estimator only once.
-    /// `senses` is empty if the estimator needs none. Returns the velocities, and the result of `sense` for the last
-    /// reading. `None` without a reading.
+    /// output. This function is for simulators, which have several readings at once. It looks up the estimator only
+    /// once. `senses` is empty if the estimator needs none. Returns the velocities, and the result of `sense` for the
+    /// last reading. `None` without a reading.
     #[inline]
     pub fn sense_all(
         &mut self,
@@ -274,7 +274,7 @@ mod tests {
     }
 
     proptest! {
-        /// The readings come in any runs. Any estimator may take over between two runs.
+        /// The readings come in runs of any length. Any estimator may take over between two runs.
         #[test]
         fn readings_taken_together_say_what_they_say_one_by_one(
             runs in runs(), first in 0..EstimatorName::ALL.len(), wide: bool,

@@ -57,7 +57,7 @@ pub struct Device<'a> {
     /// The return move to the start of a hit. Its `start_m` is only the default. The stored settings have the value in
     /// use.
     pub back: ReturnSettings,
-    /// Data of a calibration. Its force is given by the command that starts the calibration.
+    /// Data of a calibration, without the force. The command that starts a calibration gives the force.
     pub calibration: CalibrationSettings,
     /// Directions of motor and encoder on a board without saved settings.
     pub signs: Signs,

@@ -54,7 +54,7 @@ pub struct Image<'a> {
 /// What is wrong with an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BadImage {
-    /// It has no checksum.
+    /// The image has no checksum.
     Unsealed,
     /// The image differs from the sealed image: its checksum is wrong.
     Damaged,

@@ -17,9 +17,9 @@
 //! `change_2` is `a P (P + l)`. Both include two more counts for the quantisation.
 //!
 //! **The guarantee.** While the handle accelerates by at most a, the wall gives in each contact at most the reserve.
-//! Each output at which the account was spent adds at most 2^-21 of the reserve. This holds for anything at the port
-//! and for any error of the estimator. The energy that the old force may give is set aside before the new force is
-//! granted. The new force gives at most half of the rest.
+//! Each output at which the account was spent adds at most 2^-21 of the reserve. This limit is valid for anything at
+//! the port and for any error of the estimator. The energy that the old force may give is set aside before the new
+//! force is granted. The new force gives at most half of the rest.
 //!
 //! If the handle accelerates more, the wall may give more energy: its force times the excess of motion. The account
 //! forgives this energy. A spent account still allows a least force, so that the account recovers: a handle that is

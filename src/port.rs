@@ -6,9 +6,9 @@
 //! energy += wall (position - at)        wall: its force out of the wall, from the output on with which it acts
 //! ```
 //!
-//! The force is constant between two changes, so the sum is exact for every motion of the counts. Energy counts from
-//! the beginning of each contact, which is the first output behind the surface. Positive: the wall has taken energy
-//! from the hand. Negative: the wall has given more energy than it took, which no spring and no damper can do.
+//! The force is constant between two changes, so the sum is exact for every motion of the counts. The account begins
+//! anew with each contact, at the first output behind the surface. Positive: the wall has taken energy from the hand.
+//! Negative: the wall has given more energy than it took, which no spring and no damper can do.
 //!
 //! The unit is an LSB of [`Force`](crate::units::Force) times a count: `full scale / 2^30 * resolution` is J.
 //!

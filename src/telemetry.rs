@@ -5,9 +5,9 @@
 //! millisecond. Such a record is a frame of layout 1, 40 bytes. The least significant byte comes first.
 //! `docs/telemetry.md` has the tables.
 //!
-//! The sample index is sent with all 64 bits. With 32 bits it would wrap within a day at 50 kHz, and every reader would
-//! have to guess the rest. That would save only 4 bytes. The CRC covers everything before it, including the magic
-//! bytes. Garbage that contains the magic bytes by chance passes as a frame once in 2^32 times.
+//! The sample index is sent with all 64 bits. An index of 32 bits would save only 4 bytes. It would wrap within a day
+//! at 50 kHz, and every reader would have to guess the upper bits. The CRC covers everything before it, including the
+//! magic bytes. Garbage that contains the magic bytes by chance passes as a frame once in 2^32 times.
 
 mod decoder;
 mod parts;

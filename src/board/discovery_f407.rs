@@ -65,7 +65,8 @@ impl Wiring for DiscoveryF407 {
     const SWING: Option<[i32; 2]> = None;
     const SENSES: &'static [Sense] = &[Sense::Force];
     /// Time from the sample to the PWM period that uses the command. Each period begins with the pulse, so a small
-    /// force acts up to half a period (0.125 samples) sooner. docs/firmware.md has the measurement.
+    /// force acts up to half a PWM period (0.125 samples) sooner than this number says. docs/firmware.md has the
+    /// measurement.
     const LATENCY_SAMPLES: f64 = pwm::LEAD_CYCLES as f64 / (Self::CORE_HZ / RATE_HZ) as f64;
     type Force = pwm::Output;
     type Encoder = encoder::Encoder;

@@ -37,7 +37,8 @@ pub enum Command {
     Cutoff(f64),
     /// The estimator's tuning, in its own unit: see [`EstimatorName::parameters`].
     Tuning(f64),
-    /// A further parameter of the estimator, in its own unit. The first value is its number; 1 is the second parameter.
+    /// A further parameter of the estimator, in its own unit. The first value is the number of the parameter; 1 is the
+    /// second parameter.
     Further(usize, f64),
     /// Velocity estimator by its name.
     Estimator(EstimatorName),

@@ -19,8 +19,8 @@ impl Pace {
     pub fn begin(&mut self, clock: u16) -> bool {
         let passed = clock.wrapping_sub(self.begun);
         self.begun = clock;
-        // At least one tick, so that the board still listens when the clock stands still. Then a fault has already
-        // switched the force off.
+        // At least one tick, so that the board still listens when the clock stands still. If the clock stands still, a
+        // fault has already switched the force off.
         self.rest = self.rest.min(LONGEST).saturating_sub(passed.max(1));
         self.rest == 0
     }

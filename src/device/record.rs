@@ -166,8 +166,8 @@ fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
     Ok((fixed, rest, *check))
 }
 
-/// The record at the front of these words, without the words behind it. All words, if its length is not possible. The
-/// last word of a record is the checksum of all words before it.
+/// The record at the front of these words, without the words behind it. All words, if the length of the record is not
+/// possible. The last word of a record is the checksum of all words before it.
 pub fn record_in(words: &[u32]) -> &[u32] {
     stated(words).unwrap_or(words)
 }

@@ -126,7 +126,7 @@ fn a_hit_starts_inside_the_travel_and_before_the_wall() {
     assert!(with(0.1099, 0.2).is_ok());
 }
 
-/// The settings of experiments can be set one by one, at any wall. The ends of a printed range are accepted.
+/// The settings of experiments can be set one by one, whatever the wall is. The ends of a printed range are accepted.
 #[test]
 fn settings_of_experiments_do_not_wait_for_a_wall_and_their_printed_ends_are_accepted() {
     for position_m in [-1.0, -0.04, 0.0, 0.07, 1.0] {

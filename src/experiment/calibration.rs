@@ -22,7 +22,8 @@ pub struct CalibrationSettings {
     pub rise_percent_per_s: f64,
     /// Time to hold the force, s.
     pub hold_s: f64,
-    /// Distance after which the handle counts as moved, m. It begins at the position of the first output.
+    /// Distance after which the handle counts as moved, m. The distance is measured from the position of the first
+    /// output.
     pub travel_m: f64,
 }
 

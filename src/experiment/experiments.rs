@@ -153,7 +153,7 @@ impl Experiments {
         if matches!(self.experiment, Experiment::None) { Ok(()) } else { Err(Refusal::Busy) }
     }
 
-    /// Ends the experiment without an event. Its push fades.
+    /// Ends the experiment without an event. The push of the experiment fades.
     #[inline(always)]
     pub fn stop(&mut self) {
         // `set` is not used, because it would copy as much as the largest experiment.
@@ -173,8 +173,8 @@ impl Experiments {
     }
 
     /// Call this function after an output, with the granted force, the output's position, and `positions` of the
-    /// samples since the last output. It computes the next push. This push does not come too late: a return move
-    /// tolerates a millisecond, and a hit begins with the output of its push.
+    /// samples since the last output. The function computes the next push. This push does not come too late: a return
+    /// move tolerates a millisecond, and a hit begins with the output of its push.
     #[inline(always)]
     pub fn follow(
         &mut self,
@@ -297,8 +297,8 @@ mod tests {
 
     const ON: OutputCommand = OutputCommand::On(GrantedForce::ZERO);
 
-    /// A handle on the surface is not in contact. This holds for a hit's first sample, for its other samples, and for a
-    /// calibration.
+    /// A handle on the surface is not in contact. Three cases: the first sample of a hit, a later sample of a hit, and
+    /// a calibration.
     #[test]
     fn contact_begins_one_count_behind_the_surface() {
         let stored = DEVICE.defaults();

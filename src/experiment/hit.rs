@@ -91,7 +91,7 @@ impl Verdict {
     }
 }
 
-/// A hit in progress. Give it every sample. It returns a verdict once, at the last sample of its window.
+/// A hit in progress. Give every sample to the hit. The hit returns a verdict once, at the last sample of the window.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
     plan: HitPlan,

@@ -1,6 +1,6 @@
 //! Walls that a person would call quiet. At each of [four pushes](PUSHES) three conditions hold. The handle rests
 //! within a [count](rms_limit_m). The force changes by less than people can feel. The wall
-//! [stands](QuietWindow::stands): its penetration is right for its force.
+//! [stands](QuietWindow::stands): its force is K times its penetration.
 //!
 //! At a single push the handle can rest on a whole count by chance, with a constant force. This chance does not repeat
 //! at four neighbouring pushes. During a hit, integers sum up the motion and the codes. The functions here are called
@@ -35,7 +35,7 @@ pub const PUSH_MAX: f64 = PUSHES[3];
 pub const FORCE_SHARE: f64 = 0.07;
 /// Smallest limit of the RMS of the motion, m.
 const REST_M: f64 = 1e-6;
-/// A wall stands if the error of its penetration is below this share, or below a count.
+/// [`QuietWindow::stands`] is true if the error of the penetration is below this share, or below a count.
 const STANDS: f64 = 0.1;
 
 /// Limit of the motion's RMS, m: a count, or 1 um at the handle if that is more.

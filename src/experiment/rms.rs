@@ -85,8 +85,8 @@ impl RunningVariance {
         self.samples == 0 || self.scatter() < limit.scatter_limit(self.samples)
     }
 
-    /// Whether the RMS after `total` positions will certainly reach `limit`. It is certain if the sum of squares about
-    /// the mean is already large enough, because this sum never falls.
+    /// Whether the RMS after `total` positions will certainly reach `limit`. This is certain if the sum of squares
+    /// about the mean is already large enough, because this sum never falls.
     pub fn must_reach(&self, limit: RmsLimit, total: u32) -> bool {
         // scatter / samples is the sum of squares about the mean. At the end this sum must be at least limit / total.
         // The right side stays below 2^104, so a left side that saturates is greater.

@@ -1,5 +1,5 @@
-//! The boundary walk (paper, 2.2.3). From a stable wall K goes up until a hit is unstable. Then B goes up, and K goes
-//! up or down to the boundary again, until no K is stable.
+//! The boundary walk (paper, 2.2.3). K rises from a stable wall until a hit is unstable. Then B rises by one step, and
+//! K rises or falls to the boundary at this B. The walk ends when no K is stable.
 //!
 //! K and B are on a grid, so the walk itself uses integers. [`WalkSettings`] turns a [`Cell`] into SI units. A hit
 //! takes seconds on a board, so the walk returns one [`Cell`] at a time and takes the verdict of the hit at this cell.

@@ -10,7 +10,7 @@ pub struct HaltWatch {
 impl HaltWatch {
     /// Ticks of the clock per sample. The clock wraps after 2^16 ticks, 1.6 s at 10 kHz. A halt of this length or a
     /// multiple of it, plus or minus an output period, is not found here. But after such a halt the output watchdog has
-    /// cleared MOE. This is found.
+    /// cleared MOE, and the next output finds that.
     pub const TICKS_PER_SAMPLE: u32 = 4;
     /// Time beyond an output period that is no halt yet: two samples, in ticks.
     const SLACK: u32 = 2 * Self::TICKS_PER_SAMPLE;

@@ -13,9 +13,9 @@
 //! force stays within full scale. If motion leaves no room for a correction, the correction is dropped and does not
 //! come back.
 //!
-//! So at every output the force differs by at most `slew` from the force of the settings before the change. This holds
-//! for any number and size of changes. The exception is a wall that the handle leaves: the force of this wall is gone
-//! at once.
+//! So at every output the force differs by at most `slew` from the force of the settings before the change. This is
+//! true for any number and size of changes. The exception is a wall that the handle leaves: the force of this wall is
+//! gone at once.
 
 #![deny(clippy::float_arithmetic)]
 

@@ -1,9 +1,9 @@
 //! The part of the supervisor that runs for every sample.
 //!
 //! The guard looks for faults in every sample. After a fault it sets [`Step::cut`]. Two actions can wait: noting a
-//! fault, and zeroing the count. The guard does one of these actions at a time. It does no such action with a due
-//! sample, because a due sample also requests an output. So the longest sample is hardly longer than a quiet sample. If
-//! every sample is due, the two actions do not wait.
+//! fault, and zeroing the count. The guard does one of these actions at a time. With a due sample the guard does none
+//! of these actions, because a due sample also requests an output. So the longest sample is hardly longer than a quiet
+//! sample. If every sample is due, the two actions do not wait.
 //!
 //! The order of the checks suits the Cortex-M4's number of registers. `tests/elf/control/budget.rs` checks the cycles.
 
@@ -31,7 +31,8 @@ pub struct GuardCommand {
     pub acknowledged: u32,
     /// A value other than the last one requests zeroing of the count.
     pub zeros: Token,
-    /// The last granted force, 0 while off. It has acted since the last sample, except for the time of the output.
+    /// The last granted force, 0 while off. This force has acted since the last sample, except for the time in which
+    /// the output was computed.
     pub force: Force,
     /// Largest move in one sample that is no count jump, counts. No limit while flash is written, and at the first
     /// sample after that.
@@ -216,7 +217,7 @@ impl<W: Width> GuardedSampler<W> {
             read_anew();
             FaultSet::EMPTY.with(Fault::LateRender).with_if(Fault::Memory, !self.sampler.is_whole())
         } else if !self.sampler.is_whole() {
-            // Position 0 has moved. It is enough to check this at due samples, which are not the longest samples.
+            // Position 0 has moved. A check at due samples is enough. Due samples are not the longest samples.
             cold_path();
             read_anew();
             FaultSet::EMPTY.with(Fault::Memory)

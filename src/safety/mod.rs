@@ -8,7 +8,7 @@
 //!            GuardCommand: rendered, acknowledged, zeros                 Request
 //! ```
 //!
-//! The supervisor has two halves, which work at two priorities without locks. They exchange plain `Copy` records.
+//! The supervisor has two halves, which work at two priorities without locks. The halves exchange plain `Copy` records.
 //! [`GuardedSampler`] runs for every sample. It finds a count jump, over-speed or a late output. After such a finding
 //! it sets [`Step::cut`], and the task `sample` switches the output off by itself. [`Supervisor`] runs for every
 //! output. It has the states, the ramps, the sign test and all other checks. It returns an [`OutputCommand`]. Only

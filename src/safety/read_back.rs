@@ -98,7 +98,7 @@ pub struct CurrentSettings {
     /// Voltage without current.
     pub rest: f64,
     /// Voltage with the current of the highest command. The voltage of the lowest command is its mirror image about
-    /// `rest`. Both 0: the input is not used.
+    /// `rest`. If both voltages are 0, the input is not used.
     pub full: f64,
 }
 

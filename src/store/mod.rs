@@ -232,8 +232,8 @@ fn newest<F: NorFlash>(flash: &mut F) -> (Sector, Option<(u32, Stored)>, [Conten
 
 /// Slots that were damaged after the newest record was written, by a save or an erase that was cut short.
 ///
-/// If the other sector has valid records, it was filled before the active one, so its damage is old. If it has only
-/// words of another program, it was not in use yet.
+/// If the other sector has valid records, this sector was filled before the active sector, so its damage is old. If the
+/// other sector has only words of another program, it was not in use yet.
 fn damaged_later(active: &Content, other: &Content) -> u32 {
     active.damaged_behind + if is_half_erased(other) { other.records } else { 0 }
 }
@@ -260,7 +260,7 @@ pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
     Loaded { stored, source, damaged }
 }
 
-/// Whether a value is NaN. NaN is not saved: no console gives one, and it would not equal its copy.
+/// Whether a value is NaN. NaN is not saved: no console gives a NaN, and a NaN would not equal its copy.
 fn has_nan(stored: &Stored) -> bool {
     let same = *stored;
     same != *stored

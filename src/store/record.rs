@@ -161,7 +161,7 @@ fn whole(low: u32, high: u32) -> f64 {
     f64::from_bits(u64::from(low) | u64::from(high) << 32)
 }
 
-/// These words, then zeros. The last word is a CRC over the others.
+/// These words, then zeros. The last word is a CRC over all other words.
 fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
     let mut words = [0; RECORD_WORDS];
     let [places @ .., check] = &mut words;
@@ -226,7 +226,7 @@ impl Stored {
         self
     }
 
-    /// The settings as words. The last word is a CRC over the others.
+    /// The settings as words. The last word is a CRC over all other words.
     pub fn to_words(&self, sequence: u32) -> [u32; RECORD_WORDS] {
         let (estimator, parameters) = EstimatorName::of(&self.settings.velocity);
         let wall = &self.settings.wall;

@@ -172,7 +172,7 @@ fn nor_does_one_where_flash_is_programmed_in_wider_units() {
 fn cut_everywhere<const UNIT: usize>() {
     let (record, sector) = (4 * RECORD_WORDS / UNIT, 4 * WORDS / UNIT);
     let mut cases = 0;
-    // 1: first save ever; 2, 3: within a sector; 4, 7, 10: with an erase of the other one
+    // 1: first save ever; 2, 3: within a sector; 4, 7, 10: with an erase of the other sector
     for saves in 1..=10 {
         let mut before = Mock::<UNIT>::new();
         for n in 1..saves {
@@ -300,7 +300,7 @@ fn every_flipped_byte_of_every_record_is_found() {
         for n in 1..=saves {
             save(&mut good, &stored(f64::from(n))).unwrap();
         }
-        // the newest record: the last of A, or the first of B
+        // the newest record: the last record of A, or the first record of B
         let first = if saves == 4 { WORDS } else { (usize::from(saves) - 1) * RECORD_WORDS };
         for byte in (0..4 * RECORD_WORDS).step_by(STRIDE) {
             for flip in (1..=u8::MAX).step_by(STRIDE) {

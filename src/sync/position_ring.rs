@@ -1,8 +1,8 @@
 //! Positions of the handle at the last samples. Experiments and telemetry need the position of every sample.
 //!
-//! `sample` writes without a check, at an index by the number of the sample. `render` follows, and `link` reads the
-//! positions for telemetry. A position is overwritten [`LENGTH`] samples later. If `render` is late by so many samples,
-//! it has already lost its output. After reading, `link` checks that no position was overwritten.
+//! `sample` writes without a check, at an index by the number of the sample. `render` reads the positions later, and
+//! `link` reads them for telemetry. A position is overwritten [`LENGTH`] samples later. If `render` is late by so many
+//! samples, it has already lost its output. After reading, `link` checks that no position was overwritten.
 
 use core::sync::atomic::{AtomicI32, Ordering::Relaxed};
 

@@ -63,7 +63,7 @@ fn digital_frequency(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<f64,
     Ok(if prewarp { prewarped(angle) } else { angle })
 }
 
-/// Not inlined. Otherwise every cutoff would need the stack of `tan`.
+/// This function is not inlined. Otherwise every cutoff would need the stack of `tan`.
 #[inline(never)]
 fn prewarped(angle: f64) -> f64 {
     2.0 * libm::tan(angle / 2.0)

@@ -1,6 +1,7 @@
 //! Steady-state Kalman filter. The model is a handle that noise moves. A filter with two states has position and
-//! velocity. A filter with three states also has the acceleration. An encoder measures the position. Its rounding is
-//! modelled as white noise of `resolution / sqrt(12)` RMS (Belanger 1992; Belanger, Dobrovolny, Helmy, Zhang 1998).
+//! velocity. A filter with three states also has the acceleration. An encoder measures the position. The encoder's
+//! rounding is modelled as white noise of `resolution / sqrt(12)` RMS (Belanger 1992; Belanger, Dobrovolny, Helmy,
+//! Zhang 1998).
 //!
 //! In counts and samples, with `r` the count less the predicted position:
 //!

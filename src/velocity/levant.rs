@@ -27,11 +27,11 @@
 //!
 //! The two cases are the solution of the first line, which is a quadratic equation in sqrt(|e|) if `|b| > alpha`.
 //! Implicit forms are known (arXiv 1911.09232, 2008.09863). Seeber (arXiv 2404.02770) shows that the earlier published
-//! forms are biased or chatter. He proposes a form without bias and chattering. Its outputs are linear combinations of
-//! the states. The form here was not compared with an implementation of Seeber's form. Instead the behaviour of the
-//! form here is measured. Once `e` is zero, it stays zero as long as the speed changes by at most alpha per sample. So
-//! the form does not chatter, and is exact at rest and at constant speed. Its delay is half a sample, as for any
-//! backward difference.
+//! forms are biased or chatter. He proposes a form without bias and chattering. The outputs of his form are linear
+//! combinations of the states. The form here was not compared with an implementation of Seeber's form. Instead the
+//! behaviour of the form here is measured. Once `e` is zero, it stays zero as long as the speed changes by at most
+//! alpha per sample. So the form does not chatter, and is exact at rest and at constant speed. The delay of this form
+//! is half a sample, as for any backward difference.
 //!
 //! **Fixed point.** Only `u1` and `e` (one step ahead) are stored, with 32 fractional bits each. `e` is relative to the
 //! count, so that nothing wraps, and limited to 2^24 counts. The root is the integer root of 64 bits.

@@ -211,7 +211,8 @@ impl Estimator {
     }
 }
 
-/// A number that changes with each tuning and each change of the form. One comparison finds a change of either.
+/// A number that changes with each tuning and each change of the form. So one comparison finds a change of the tuning
+/// or of the form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Tuning(u16);
 
@@ -226,7 +227,7 @@ impl Tuning {
     }
 }
 
-/// An [`Estimator`] in force. It starts anew with its first sample if estimator or tuning has changed, see
+/// An [`Estimator`] in force. The estimator starts anew with its first sample if estimator or tuning has changed, see
 /// [`after`](Self::after).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tuned {

@@ -1,7 +1,7 @@
 //! The estimators, one row each. `rows.rs` turns the rows into types and functions.
 //!
-//! A new estimator needs a file in this folder and its rows here. Its integer form implements [`Form`]. Console,
-//! settings in flash, scenes, comparison and tests read all estimators from the table.
+//! A new estimator needs a file in this folder and its rows here. The integer form of the estimator implements
+//! [`Form`]. Console, settings in flash, scenes, comparison and tests read all estimators from the table.
 
 use super::{parameter::Number, rows::estimators, *}; // what the rows name
 use crate::{Design, SettingsError, units::Velocity};

@@ -69,7 +69,7 @@ pub(super) struct TimeStampsState {
     stamps: [Stamp; LENGTH as usize],
     sum: u32,
     /// Index of the latest stamp. The next field: distance from the latest stamp to the first stamp of the measurement.
-    /// Both are 0 with one edge only.
+    /// Index and distance are 0 if there was only one edge.
     latest: u8,
     back: u8,
     /// Whether there was an edge.

@@ -17,7 +17,7 @@ use zwidth::{
 /// Timers of APB1 that stop in a halt: TIM5 (bit 3) and TIM3 (bit 1). TIM3 must stay in phase with TIM5 if it captures
 /// edges. TIM6 (bit 4) and the watchdog (bit 12) run on.
 const STOPPED_APB1: u32 = 1 << 3 | 1 << 1;
-/// The same on APB2: TIM1.
+/// Timer of APB2 that stops in a halt: TIM1.
 const STOPPED_APB2: u32 = 1;
 
 /// TIM6, which counts on while the core is halted.

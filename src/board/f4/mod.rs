@@ -3,7 +3,7 @@
 //! A board includes its force output (`dac.rs` or `pwm.rs`), and `edges.rs` if it has edge times. The peripherals are
 //! fixed:
 //! * TIM2: encoder; TIM5: samples; TIM6: halts;
-//! * TIM1_CH1: enable; TIM1_BKIN: emergency stop;
+//! * TIM1_CH3: enable; TIM1_BKIN: emergency stop;
 //! * TIM8 and DMA2: output watchdog.
 
 mod boot;
@@ -201,7 +201,7 @@ impl Chip {
             )
         };
         let timer_hz = rcc.clocks.timclk1().raw();
-        // TIM1 is set up. This store locks it, and TIM1 drives its pins low.
+        // TIM1 is set up. The next store locks the set-up of TIM1. From then on TIM1 drives its pins low.
         off();
         let output_watchdog = output_watchdog::OutputWatchdog::new(tim8, &dma2, &mut rcc);
         let supply = supply::Supply::new(pwr, &exti, W::SUPPLY_LEVEL, &mut rcc);

@@ -91,7 +91,7 @@ fn sum() -> u32 {
         TIM8 => [0x00, 0x04, 0x08, 0x0C, 0x28, 0x2C, 0x30];
     }
     // The output watchdog's stream: CR, NDTR (always 1, one item in a circle), PAR, M0AR, FCR without the FIFO's level.
-    // Its errors in LISR (DMEIF1, TEIF1), after which it stores nothing.
+    // The stream's error flags in LISR (DMEIF1, TEIF1): after an error the stream stores nothing.
     fold! { sum,
         DMA2_STREAM1 => [0x00, 0x04, 0x08, 0x0C, 0x14 & (!(0b111 << 3))];
         DMA2 => [0x00 & (0b11 << 8)];
@@ -144,7 +144,7 @@ impl contract::SetUp for SetUp {
         let turned = read(TIM2 + 0x20) & DIRECTION != 0;
         let direction = turned == ENCODER_TURNED.load(Relaxed);
         // Only the logger masks interrupts, and this task cannot run during that time. So a mask that this task finds
-        // set is wrong. It would keep `link` from running.
+        // set is wrong. That mask would keep `link` from running.
         let unmasked = basepri::read() == 0;
         let whole = *self.expected.get_or_insert(sum) == sum;
         whole && direction && unmasked && output_watchdog::stores_off()

@@ -101,7 +101,7 @@ impl Stream {
 }
 
 impl<P: Port> Console<P> {
-    /// Sends telemetry, if it is on. A full channel drops the frame. Then its sequence number is missing.
+    /// Sends telemetry, if it is on. A full channel drops the frame. Then the sequence number of this frame is missing.
     pub(super) fn stream(&mut self, report: &Report) {
         let Report { streamed: mut record, push, port, .. } = *report;
         if !self.stream.on {

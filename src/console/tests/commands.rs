@@ -230,7 +230,7 @@ fn settings_that_cannot_be_are_refused_with_what_is_allowed() {
     );
     assert!(bench.says("fullscale 50").starts_with("error: full_scale_n is 50, allowed "));
     assert!(bench.says("fullscale 1").starts_with("error: full_scale_n is 1, allowed "));
-    // the loop accepts it, but no hit can run with it
+    // the loop accepts this setting, but no hit can run with it
     bench.console.stored.edit(|stored| stored.push_n = 5.0);
     assert!(bench.says("fullscale 3").starts_with("error: push_n is 5, allowed "));
     if let Some(blind) = blind_estimator() {

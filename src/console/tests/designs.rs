@@ -72,8 +72,8 @@ fn a_design_is_taken_whole_and_only_with_the_force_off() {
     }
 }
 
-/// Beside the designs the envelope has one cutoff. With the force off any other tuning is accepted. Then the force
-/// cannot be switched on.
+/// Beside the designs the envelope has one cutoff. With the force off any other tuning is accepted. With such a tuning
+/// the force cannot be switched on.
 #[test]
 fn free_tuning_needs_the_envelope_unlocked() {
     let mut bench = Bench::on(device(), OFF);

@@ -121,7 +121,7 @@ impl Tasks {
         }
     }
 
-    /// Orders the period as the console does: first its plan, then the parameters.
+    /// Orders a period as the console does: first the plan of the period, then the parameters.
     fn set_period(&mut self, stored: &Stored) {
         self.orders.push(Order::Period(DEVICE.period(stored).unwrap()));
         self.orders.push(DEVICE.order(stored).unwrap());

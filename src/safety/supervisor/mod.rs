@@ -311,7 +311,7 @@ impl Supervisor {
         FaultSet::EMPTY.with_if(Fault::StuckRender, stuck)
     }
 
-    /// A record of `causes` with the present circumstances. Its fault is the first cause.
+    /// A record of `causes` with the present circumstances. The fault of the record is the first cause.
     #[inline]
     fn here(&self, motion: Motion, causes: FaultSet) -> Option<FaultRecord> {
         causes.first().map(|fault| FaultRecord {
