@@ -23,8 +23,8 @@
 //!
 //! **Signs.** In the whole core, into the wall is positive: the count rises into the wall, and a positive
 //! [`OutputCode`] pushes into it. Only [`Encoder::turn`] and `mirrored` adapt a board's own polarity (which channel
-//! leads, which way a motor is wound). The settings `encoder` and `motor` control them. The sign test of `arm` checks
-//! that both together are right.
+//! leads, which way a motor is wound). The settings `encoder` and `motor` control the two functions. The sign test of
+//! `arm` checks that both settings together are right.
 //!
 //! Traits of other crates are used where they fit: [`InputPin`] for the switch, [`NorFlash`] for the settings. Other
 //! traits do not fit. `OutputPin` has one owner, but any task may switch enable off, and on our boards the hardware may

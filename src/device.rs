@@ -183,8 +183,9 @@ impl Device<'_> {
 
     /// A hit with these settings and the return move before it. `early`: give the verdict as soon as it is certain.
     ///
-    /// # Errors Names the value that is out of range. A start at or behind the wall is out of range. A wall is also out
-    /// of range if no start is possible in front of it.
+    /// # Errors
+    /// Names the value that is out of range. A start at or behind the wall is out of range. A wall is also out of range
+    /// if no start is possible in front of it.
     pub fn hit_sequence(
         &self,
         stored: &Stored,

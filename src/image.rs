@@ -145,7 +145,7 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// Checks that passes end in time. Checks by the sum over all passes that none was wrong.
+/// Checks that passes end in time. Checks with the sum over all passes that no pass was wrong.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PassWatch {
     sum: u32,

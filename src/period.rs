@@ -62,7 +62,8 @@ pub struct TooSlow {
 
 /// Checks that this estimator leaves the time for an output each `period` samples.
 ///
-/// # Errors The longest update of the estimator takes too long.
+/// # Errors
+/// The longest update of the estimator takes too long.
 pub fn leaves_time(estimator: EstimatorName, period: u32) -> Result<(), TooSlow> {
     match SLOW.iter().find(|(name, _)| *name == estimator.text()) {
         Some(&(_, cycles)) if cycles > cycles_allowed(period) => {

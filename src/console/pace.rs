@@ -36,7 +36,7 @@ impl Pace {
 mod tests {
     use super::*;
 
-    /// Ticks from one line to the next. A pass comes each `each` ticks; a line takes `line` ticks.
+    /// Ticks from one line to the next. From one pass to the next there are `each` ticks. A line takes `line` ticks.
     fn between(each: u16, line: u16) -> u16 {
         let (mut pace, mut clock) = (Pace::default(), u16::MAX - 100);
         let mut at = [0; 2];

@@ -29,7 +29,7 @@ pub struct GuardCommand {
     pub rendered: u32,
     /// The value of [`Guard::events`] up to which `clear` was given.
     pub acknowledged: u32,
-    /// A value other than the last one requests zeroing of the count.
+    /// A value that differs from the last value requests zeroing of the count.
     pub zeros: Token,
     /// The last granted force, 0 while off. This force has acted since the last sample, except for the time in which
     /// the output was computed.

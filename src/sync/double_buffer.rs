@@ -51,7 +51,7 @@ impl<T: Copy> DoubleBuffer<T> {
         let buffer = P::place();
         while !buffer.newest.load(Relaxed).is_null() {} // before any output is on
         let first = buffer.buffers[0].get();
-        // SAFETY: there is no reader or writer yet, and nobody else has got this far.
+        // SAFETY: there is no reader or writer yet, and no other call has got this far.
         let first = unsafe { (*first).write(value) };
         buffer.newest.store(first, Relaxed);
         (DoubleBufferWriter(buffer), DoubleBufferReader(PhantomData))

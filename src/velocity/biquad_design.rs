@@ -55,8 +55,9 @@ pub struct BiquadDesign {
 impl BiquadDesign {
     /// The biquad with poles of this frequency and damping, this lead at low frequencies, and this second zero.
     ///
-    /// # Errors Names the parameter that is out of range. The range of the zero follows from the poles. The range of
-    /// the lead follows from all other parameters.
+    /// # Errors
+    /// Names the parameter that is out of range. The range of the zero follows from the poles. The range of the lead
+    /// follows from all other parameters.
     pub fn new(
         frequency_hz: f64,
         damping: f64,

@@ -505,7 +505,7 @@ mod tests {
                 let memory = Memory::take(&tuned, &mut &bytes[..length]).unwrap();
                 bytes[bit / 8] ^= 1 << (bit % 8);
                 let mut broken = Running { memory, ..running };
-                // Without overflow checks, as on a board, any bit would do here too.
+                // Without overflow checks, as on a board, every bit could run for ten samples.
                 let samples = if bit % 64 < 24 { 10 } else { 1 };
                 for n in 300..300 + samples {
                     assert!(!broken.is_whole(&tuned), "{name:?}, bit {bit}, sample {n}");
@@ -514,7 +514,8 @@ mod tests {
                     }
                 }
             }
-            // With a flipped bit of the number another tuning seems to have run. The estimator continues nevertheless.
+            // After a flipped bit in the number of the tuning, another tuning seems to have run. The estimator
+            // continues nevertheless.
             for bit in 0..16 {
                 let tuning = Tuning(running.tuning.0 ^ 1 << bit);
                 let mut broken = Running { tuning, ..running };

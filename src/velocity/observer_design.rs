@@ -35,9 +35,9 @@ pub struct ObserverDesign {
 impl ObserverDesign {
     /// An observer of a mass under the commanded force.
     ///
-    /// # Errors `bandwidth_hz` is outside [`OBSERVER_MIN`] .. [`OBSERVER_MAX`] of the rate, or `mass_kg` is outside
-    /// [`MASS_KG`]. The mass is also refused if full scale then gives less than 2^-34 or more than 32767 counts per
-    /// sample^2.
+    /// # Errors
+    /// `bandwidth_hz` is outside [`OBSERVER_MIN`] .. [`OBSERVER_MAX`] of the rate, or `mass_kg` is outside [`MASS_KG`].
+    /// The mass is also refused if full scale then gives less than 2^-34 or more than 32767 counts per sample^2.
     pub fn of_mass(
         bandwidth_hz: f64,
         mass_kg: f64,

@@ -95,9 +95,10 @@ impl TrackingLoop {
     /// The loop with this bandwidth and the output `v^ + lead (v^[n] - v^[n-1])`. A lead of -1 is a lag of one sample.
     /// A lead of `kp / ki` adds the loop's proportional part, which leaves no delay at DC.
     ///
-    /// # Errors `bandwidth_hz` is out of range as in [`new`](Self::new). Or `lead` is outside -1 .. `kp / ki + 1`. The
-    /// upper end is the lead without delay, plus the sample that an explicit loop's proportional part gives. `lead` is
-    /// also refused if a coefficient would reach 2, or if the magnitudes of the coefficients would add up to 4.
+    /// # Errors
+    /// `bandwidth_hz` is out of range as in [`new`](Self::new). Or `lead` is outside -1 .. `kp / ki + 1`. The upper end
+    /// is the lead without delay, plus the sample that an explicit loop's proportional part gives. `lead` is also
+    /// refused if a coefficient would reach 2, or if the magnitudes of the coefficients would add up to 4.
     pub fn led(bandwidth_hz: f64, lead: f64, rate_hz: f64) -> Result<Self, SettingsError> {
         let own = Self::new(bandwidth_hz, rate_hz)?;
         let (kp, ki) = (own.kp, own.ki);

@@ -12,7 +12,8 @@ const BYTES: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/device.record"));
 #[unsafe(link_section = ".device")]
 static BUILT_IN: [u8; BYTES.len()] = *BYTES.as_array().expect("of that length");
 
-// SAFETY: memory.x has this name, at the beginning of a sector of so many words that nothing writes while this runs.
+// SAFETY: memory.x defines this symbol at the beginning of a sector. The sector has this number of words, and nothing
+// writes it while the program runs.
 unsafe extern "C" {
     safe static _device_record: [u32; WORDS_MAX];
 }

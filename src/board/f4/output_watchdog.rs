@@ -66,7 +66,7 @@ impl OutputWatchdog {
         pac::TIM8::reset(rcc);
         let clock_hz = rcc.clocks.timclk2().raw();
         let stream = dma.st(NUMBER);
-        // SAFETY: documented values; the two addresses are a register's and a word's that lives for ever.
+        // SAFETY: documented values; the two addresses are those of a register and of a static word.
         unsafe {
             stream.par().write(|w| w.bits(enable::registers().bdtr().as_ptr() as u32));
             stream.m0ar().write(|w| w.bits(OFF.as_ptr() as u32));

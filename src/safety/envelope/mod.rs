@@ -128,8 +128,8 @@ impl<'a> Envelope<'a> {
     ///
     /// Between two points a K is allowed if both points allow it. The line between the two points is not used. Below
     /// the first B the limit is the line from K = 0 at B = 0 to the first point. The boundary there is on or above this
-    /// line, because K rises from at least 0 with a falling slope. If the first point has a lowest K, no wall below its
-    /// B is known. A wall without K and B exerts no force and is always allowed.
+    /// line, because K rises from at least 0 with a falling slope. If the lowest K of the first point is above 0, no
+    /// wall with a smaller B is known to be stable. A wall without K and B exerts no force and is always allowed.
     ///
     /// # Errors
     /// Says which values are allowed.

@@ -87,7 +87,7 @@ fn a_flipped_state_is_found_by_an_output_that_changes_it() {
     }
 }
 
-/// Cut by a report with a cause, or by events that `clear` has not covered.
+/// The output is cut by a report with a cause, or by events that `clear` has not covered.
 #[test]
 fn it_is_cut_by_what_is_there_or_was_not_cleared() {
     let mut supervisor = supervisor();
