@@ -104,8 +104,8 @@ pub trait Board: Sized {
     /// Pends the interrupt of `link`. Called by `render`.
     fn request_link();
 
-    /// Switches off until the reset that follows. Writes `fault` to the memory that a reset does not erase. Any task
-    /// may call this function. No task runs afterwards.
+    /// Switches off until the next reset. Writes `fault` to the memory that a reset does not erase. Any task may call
+    /// this function. No task runs afterwards.
     fn end(fault: Fault) -> !;
 
     /// Number of log lines that were dropped since the start, because there was no room; wraps.

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// All values that a sample needs, in integers, made by [`Settings::build`](crate::Settings::build). They are
-/// immutable: a new `LoopParameters` replaces the old one as a whole, between two samples.
+/// immutable: a new `LoopParameters` replaces the old parameters as a whole, between two samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopParameters {
     /// Velocity estimator with its coefficients.

@@ -117,7 +117,7 @@ pub(crate) struct Moves<W> {
 }
 
 impl<W: Width> Moves<W> {
-    /// Counts from the last reading to this one. Negative: backwards.
+    /// Counts from the last reading to this reading. Negative: backwards.
     #[inline(always)]
     pub(crate) fn to(&mut self, counter: i32) -> i32 {
         let moved = signed(counter.cast_unsigned().wrapping_sub(self.count), self.width);

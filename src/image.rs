@@ -74,10 +74,10 @@ impl Image<'_> {
         seal
     }
 
-    /// Checks that the image is the sealed one.
+    /// Checks that the image is unchanged since it was sealed.
     ///
     /// # Errors
-    /// The image has no seal, or differs from the sealed one.
+    /// The image has no seal, or differs from the sealed image.
     pub fn check(&self) -> Result<(), BadImage> {
         match self.sealed() {
             UNSEALED => Err(BadImage::Unsealed),
@@ -154,7 +154,7 @@ pub struct PassWatch {
 }
 
 impl PassWatch {
-    /// Whether something is wrong: the last pass was wrong, or none has ended for too long. `sample`: the present
+    /// Whether something is wrong: the last pass was wrong, or no pass has ended for too long. `sample`: the present
     /// sample. `sum`: the sum over all passes.
     pub fn is_wrong(&mut self, sample: u32, sum: u32) -> bool {
         if sum == self.sum.wrapping_add(RIGHT) {

@@ -28,7 +28,7 @@
 //!
 //! The variable damper of Hannaford and Ryu is not used. That damper divides the deficit by the velocity, which is one
 //! count or none at a period of 1 ms. It removes the deficit only if the motion continues as before. At each reversal
-//! the bound of that damper would be the bound of this controller.
+//! the bound of that damper would equal the bound of this controller.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 

@@ -28,8 +28,9 @@ const RENDER: u32 = 3_600;
 /// Most core cycles by which the logger delays `render`. The cycles of a sample during the delay are not included.
 const MASK: u32 = 8_600;
 
-/// Cycles per sample that the longest update of an estimator may take. The time between two outputs, less a fifth for
-/// wait states, less a `render` that the logger has delayed, is divided among the samples.
+/// Cycles per sample that the longest update of an estimator may take. The time between two outputs is reduced by a
+/// fifth for wait states, and by a `render` that the logger has delayed. The rest is divided by the number of samples.
+/// Then [`GUARD`] is subtracted.
 pub const fn cycles_allowed(period: u32) -> u32 {
     let between = period.saturating_mul(SAMPLE / 5 * 4).saturating_sub(MASK + RENDER);
     match between.checked_div(period) {

@@ -181,8 +181,9 @@ impl Frame {
         put(rest, &record.settings.to_le_bytes());
     }
 
-    /// Begins a frame of layout 2. `earlier`: outputs before this one, oldest first, at most [`OUTPUTS`](Self::OUTPUTS)
-    /// less one. `period`: samples between two outputs. All outputs have the settings and the fault of this output.
+    /// Begins a frame of layout 2. `earlier`: outputs before this output, oldest first, at most
+    /// [`OUTPUTS`](Self::OUTPUTS) less one. `period`: samples between two outputs. All outputs have the settings and
+    /// the fault of this output.
     pub fn encode_after<'a>(
         &self,
         earlier: &[Record],

@@ -52,8 +52,9 @@ const _: () = assert!(DiscoveryF407::STEPS as u32 > pwm::LEAD_CYCLES, "a PWM per
 impl Wiring for DiscoveryF407 {
     const NAME: &'static str = "discovery-f407";
     const CORE_HZ: u32 = 168_000_000;
-    /// Low below 2.59 to 2.71 V, good again above 2.69 to 2.82 V (data sheet). The board supplies 3.0 V, from a
-    /// regulator of 3.3 V and a diode. With the highest levels, 3.0 V would be reported as low.
+    /// The detector reports a low supply below 2.59 to 2.71 V, and a good supply above 2.69 to 2.82 V (data sheet). The
+    /// board supplies 3.0 V, from a regulator of 3.3 V and a diode. With the highest levels, 3.0 V would be reported as
+    /// low.
     const SUPPLY_LEVEL: u8 = 0b100;
     const OUTPUT: Output = Output::Pwm { steps: Self::STEPS as u32 };
     /// No edge times: TIM3 would capture on PA6 and PA7, which the accelerometer uses.

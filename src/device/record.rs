@@ -106,7 +106,7 @@ pub enum BadRecord {
     Foreign,
     /// Another version of the layout.
     Layout(u8),
-    /// The record is cut short, or longer than the sector: words.
+    /// The record is cut short, or longer than the sector. The value is the stated length, words.
     Length(u32),
     /// The record's checksum is wrong.
     Damaged,

@@ -20,8 +20,8 @@ pub struct HitSequencePlan {
     pub back: ReturnPlan,
     /// Thermal limits of the motor.
     pub duty: DutyPlan,
-    /// Outputs between two checks whether the verdict is certain. A certain verdict is given at once.
-    /// [`NEVER`](Self::NEVER): no such checks.
+    /// Outputs from one check to the next. A check finds out whether the verdict is already certain. A certain verdict
+    /// is given at once. [`NEVER`](Self::NEVER): no such checks.
     pub look: u32,
 }
 

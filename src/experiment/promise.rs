@@ -57,7 +57,7 @@ impl Host {
         self.promise.is_whole()
     }
 
-    /// Takes an `alive`, with the promise of the next one.
+    /// Takes an `alive`, with the promise of the next `alive`.
     pub fn hear(&mut self, promise: Promise) {
         self.promise.set(promise);
         self.heard = self.now;

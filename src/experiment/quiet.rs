@@ -12,7 +12,7 @@ pub enum Criterion {
     /// The RMS of the counts is below its limit, as in the paper.
     #[default]
     Rms,
-    /// At each of four pushes handle and force rest, and the wall stands.
+    /// At each of four pushes, handle and force are at rest, and [`QuietWindow::stands`] is true.
     Quiet,
 }
 

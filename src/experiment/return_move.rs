@@ -13,8 +13,8 @@
 //! from the start, whoever moves the handle. Only the damper may point away from the start: it brakes a handle that is
 //! faster than `speed`. So the force accelerates no handle beyond `speed + limit / B`.
 //!
-//! **An accepted return starts**: a step of r is within the lead. Otherwise the spring's first step would need more
-//! than `limit`.
+//! **Every accepted return can start**: a step of r is within the lead. Otherwise the spring's first step would need
+//! more than `limit`.
 //!
 //! The speed is measured over the last eight milliseconds, without the estimator, so a return works with any cutoff.
 //! The integral finds the force that holds the handle at the start, against a spring or its weight. A hand that holds

@@ -32,8 +32,8 @@ impl HaltWatch {
         let sampled =
             (sample.wrapping_sub(self.sample) as u32).wrapping_mul(Self::TICKS_PER_SAMPLE) as u16;
         (self.ticks, self.sample) = (ticks, sample);
-        // If the output before this one was late, the difference is negative. A negative difference is at the upper end
-        // of the range, as the type is unsigned.
+        // If the previous output was late, the difference is negative. A negative difference is at the upper end of the
+        // range, as the type is unsigned.
         let still = u32::from(passed.wrapping_sub(sampled));
         let slack = period * Self::TICKS_PER_SAMPLE + Self::SLACK;
         (slack + 1..u32::from(u16::MAX) - slack).contains(&still)

@@ -55,7 +55,7 @@ faults! {
     SignTestFailed = 14, "sign test failed";
     /// The handle is outside the device's travel, while force is on.
     BeyondTravel = 15, "beyond travel";
-    /// An output was not ready when the next one was due.
+    /// An output was not ready when the next output was due.
     LateRender = 20, "late render";
     /// No output was ready for 10 ms.
     StuckRender = 21, "stuck render";

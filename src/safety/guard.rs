@@ -94,7 +94,7 @@ pub struct Step {
     pub told: bool,
 }
 
-/// A sample, and the counts by which the handle has moved since the last one.
+/// A sample, and the counts by which the handle has moved since the last sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
     sampled: Sampled,
@@ -210,7 +210,7 @@ impl<W: Width> GuardedSampler<W> {
         if !due {
             return self.with_motion(judged, moved, down);
         }
-        // The output of the due sample before this one must be finished, unless flash was written.
+        // The output of the previous due sample must be finished, unless flash was written.
         let behind = motion.number().wrapping_sub(down.rendered);
         let found = if behind != control.period.get() && !down.stall {
             cold_path();

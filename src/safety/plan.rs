@@ -234,7 +234,7 @@ pub struct SafetyPlan {
     pub(super) sign_force: Force,
     /// Motion that the sign test needs, counts.
     pub(super) sign_counts: i32,
-    /// Most outputs of a push without motion.
+    /// Most outputs for which a push may be without motion.
     pub(super) push_renders: u32,
     /// Speed that full scale adds to the heaviest handle from one output to the next, LSB of 2^-32 counts per output.
     pub(super) yields: u64,

@@ -104,7 +104,7 @@ mod tests {
         assert_eq!(token.number(), (NUMBERS + 1) & 0xFFFF);
     }
 
-    /// Memory that holds no token requests nothing either.
+    /// If the memory contains no valid token, nothing is requested.
     #[test]
     fn a_word_of_equal_bits_asks_for_nothing() {
         for bits in [0, u32::MAX] {

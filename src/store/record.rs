@@ -119,8 +119,8 @@ pub struct Signs {
 /// Flash words of a record.
 pub const RECORD_WORDS: usize = 44;
 
-/// Settings that do not fit into a record: the estimator's parameters after the second one, and a limit of the force's
-/// RMS. A further record, just before the main record, has them.
+/// Settings that do not fit into a record: the estimator's parameters after the second parameter, and a limit of the
+/// force's RMS. A further record, just before the main record, has them.
 pub(super) type Further = [f64; FURTHER + 1];
 const KEPT: usize = 2;
 const FURTHER: usize = PARAMETERS - KEPT;

@@ -360,7 +360,8 @@ fn what_another_program_has_left_is_nothing_saved_and_does_not_stay() {
     }
 }
 
-/// Beside a sector with our own records, the newest of these records is used.
+/// One sector has words of another program. The other sector has our own records, and the newest of these records is
+/// used.
 #[test]
 fn nor_is_it_damage_beside_what_was_saved() {
     let mut flash = Mock::<4>::new();

@@ -28,7 +28,7 @@ pub fn note(sample: u64, position: Position) {
 }
 
 /// Reads the positions of the samples up to `newest`, oldest first. `newest` must have been noted. The positions are
-/// right if [`is_kept`] is true for the oldest one after the reading.
+/// right if [`is_kept`] is true for the oldest position after the reading.
 pub fn read(newest: u64, places: &mut [Position]) {
     for (place_of, back) in places.iter_mut().rev().zip(0u64..) {
         let counts = place(newest.wrapping_sub(back)).load(Relaxed);

@@ -40,7 +40,7 @@ pub struct SeqlockReader<T: 'static> {
 }
 
 impl<T: Copy> Seqlock<T> {
-    /// A seqlock with a value that counts as read, and the number `u32::MAX`.
+    /// A seqlock with a value that is marked as read, and the number `u32::MAX`.
     pub const fn new(value: T) -> Self {
         Self {
             taken: AtomicBool::new(false),
@@ -74,7 +74,7 @@ impl<T: Copy, P: Static<Seqlock<T>>> SeqlockWriter<T, P> {
         unsafe { (*P::place().value.get()).assume_init_mut() }
     }
 
-    /// Makes the stored value the newest one. `number` must differ from the last value's.
+    /// Makes the stored value the newest value. `number` must differ from the last value's.
     #[inline(always)]
     pub fn publish(&mut self, number: u32) {
         compiler_fence(Release);

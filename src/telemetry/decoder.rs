@@ -173,7 +173,7 @@ impl Decoder {
         None
     }
 
-    /// Drops bytes up to the next one that could begin a frame.
+    /// Drops bytes up to the next byte that could begin a frame.
     fn skip(&mut self) {
         let [first, second] = Frame::MAGIC;
         let may_start = |place: usize| {

@@ -53,7 +53,7 @@ struct Captured {
     is_a: bool,
 }
 
-/// Makes edges from captures. The timer has `TICKS` per sample, and wraps at [`WRAP`](Self::WRAP).
+/// Makes edges from captures. The timer has `TICKS` ticks per sample, and wraps at [`WRAP`](Self::WRAP).
 #[derive(Clone, Copy, Debug)]
 pub struct EdgeTimer<const TICKS: u32> {
     count: u32,

@@ -136,7 +136,7 @@ fn steps<F: Form>(
         };
         let (pairs, rest) = velocities.as_chunks_mut::<2>();
         let (counter_pairs, _) = counters.as_chunks::<2>();
-        // two samples at a time, so that the first leaves its values where the second needs them
+        // two samples at a time, so that the first sample leaves its values where the second sample needs them
         for (pair, ([one, two], counters)) in pairs.iter_mut().zip(counter_pairs).enumerate() {
             *one = step(state, 2 * pair, moved(counters[0]));
             *two = step(state, 2 * pair + 1, moved(counters[1]));

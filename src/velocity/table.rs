@@ -178,7 +178,7 @@ estimators! {
                 /// Cutoff in Hz, not pre-warped: 3.5e-5 to 0.499 of the rate. An undamped filter would resonate at this
                 /// frequency.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
-                /// Quality factor Q, 0.3 to 2. At 0.707 it is a Butterworth filter, at 0.5 it has two equal poles.
+                /// Quality factor Q, 0.3 to 2. Q = 0.707 gives a Butterworth filter, Q = 0.5 gives two equal poles.
                 quality: f64 = ("quality", "1", 0.5),
             } => |design| LowPass(Biquad::second_order(cutoff_hz, quality, design.rate_hz)?);
             /// Finite difference and exponential smoothing, `y += (1 - p) (x - y)`, once or twice.

@@ -72,7 +72,7 @@ pub fn test() -> Found {
             // SAFETY: a documented value; enable is off.
             unsafe { (*pac::DAC::ptr()).dhr12r1().write(|w| w.bits(code)) };
             cortex_m::asm::delay(SETTLE);
-            // A conversion that `render` has begun is over by now.
+            // By now any conversion that `render` has begun has ended.
             let _ = read_back::answer(adc);
             read_back::begin(adc);
             let read = (0..LOOKS).find_map(|_| read_back::answer(adc));

@@ -76,8 +76,8 @@ impl DebugHalts for Halts {
     }
 }
 
-/// Sets the bits of the timers that stop in a halt. Called with every output, because a debugger's scripts set other
-/// bits. OpenOCD's script for these chips also stops the watchdog.
+/// Sets the bits of the timers that stop in a halt. Called with every output, because scripts of debuggers may write
+/// other bits. OpenOCD's script for these chips also stops the watchdog.
 #[inline(always)]
 fn stop_with_the_core() {
     // SAFETY: documented values of two registers that nothing else in this program writes.

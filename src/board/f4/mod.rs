@@ -137,7 +137,7 @@ pub struct Wires<W: Wiring> {
     pub force: W::Force,
     /// Encoder, at 0 and not counting yet.
     pub encoder: W::Encoder,
-    /// TIM1's break input with its pull-up on; it can be read as well.
+    /// TIM1's break input with its pull-up on. The program can also read this pin.
     pub stop: W::StopInput,
 }
 
@@ -162,7 +162,7 @@ pub struct Peripherals {
 
 impl Chip {
     /// Starts RTT, then the clock that `clock` describes. The 8 MHz come from a crystal, or from another chip
-    /// (`external`). If they are missing, or if the chip is a wrong one, the board reports it and stops here with all
+    /// (`external`). If the 8 MHz are missing, or if the chip is wrong, the board reports it and stops here with all
     /// outputs off.
     pub fn start<W: Wiring>(
         rcc: pac::RCC,

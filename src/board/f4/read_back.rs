@@ -36,7 +36,8 @@ pub fn output_sense() -> &'static pac::adc1::RegisterBlock {
 }
 
 impl<W: Wiring> Converters<W> {
-    /// Switches ADC2 on, and ADC1 if the force output can be read. Their clock is a quarter of APB2's.
+    /// Switches ADC2 on, and ADC1 if the force output can be read. The clock of the converters is a quarter of APB2's
+    /// clock.
     pub fn new(rcc: &mut Rcc) -> Self {
         rcc.apb2enr().modify(|_, w| w.adc1en().set_bit().adc2en().set_bit());
         // SAFETY: documented values: the clock's divider; one conversion of channel 4 and of channel 8; on.

@@ -133,7 +133,7 @@ fn counted(core_hz: u32) -> Found {
     let (port, counter) = unsafe { (&*pac::GPIOC::ptr(), &*pac::TIM2::ptr()) };
     let [a, b] = WIRES;
     let (high, low) = (|pin: u32| 1 << pin, |pin: u32| 1 << (16 + pin));
-    // SAFETY: two pins low, then outputs; the others stay.
+    // SAFETY: two pins low, then outputs; all other pins stay.
     unsafe {
         port.bsrr().write(|w| w.bits(low(a) | low(b)));
         port.moder().modify(|r, w| w.bits(r.bits() | 0b01 << (2 * a) | 0b01 << (2 * b)));

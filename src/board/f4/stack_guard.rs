@@ -1,8 +1,8 @@
 //! The stack's end: memory between the statics and the stack, where the memory protection unit allows no access.
 //!
 //! The stack grows down towards the statics. A task that overruns it causes a hard fault here, before it writes into
-//! the statics. The fault's frame cannot be stacked either, but the handler does not need it, because it never returns.
-//! If the core locks up instead, the output watchdog switches off.
+//! the statics. At this fault the core cannot stack its registers. The handler does not need them, because the handler
+//! never returns. If the core locks up instead, the output watchdog switches off.
 
 /// Bytes of the region. The region begins at a multiple of this number.
 const BYTES: u32 = 256;

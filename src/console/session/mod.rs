@@ -88,7 +88,7 @@ pub struct Console<P> {
     over: Option<JudgedHit>,
     /// A series that ended because nobody reads, and is not reported yet.
     unread: Option<HitSeries>,
-    /// A wall other than the stored one is in force: a walk has just ended.
+    /// A walk has just ended, and its last wall is in force instead of the stored wall.
     restore_wall: bool,
     /// True from the beginning of a series to the order after the series. Only then does the console give orders by
     /// itself. It is stored twice, so that one flipped bit begins no series.

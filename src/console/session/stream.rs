@@ -186,7 +186,7 @@ impl<P: Port> Console<P> {
             writer = writer.key(&key).port(port);
         }
         if !self.port.write_frame(writer.finish()) {
-            // The next frame sends the content of this one again.
+            // The next frame sends the content of this frame again.
             (self.stream.told, self.stream.key) = (told, None);
         }
     }

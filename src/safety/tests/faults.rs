@@ -58,7 +58,7 @@ fn arm_is_refused_in_the_wall_whether_wall_or_handle_went_there() {
     bench.ask(Request::Arm).unwrap();
 }
 
-/// With a cutoff of 0.5 Hz the estimate is late by a long time if the handle is fast.
+/// With a cutoff of 0.5 Hz the velocity of a fast handle is estimated late.
 #[test]
 fn high_speed_is_found_from_the_counts_whatever_the_cutoff() {
     let mut bench = Bench::armed();

@@ -164,7 +164,7 @@ fn a_fault_that_a_bit_has_made_gives_way_to_what_found_it() {
     broken.trip(Some(record));
     assert_eq!((*broken.state, broken.fault, broken.causes), (State::Fault, Some(record), memory));
     assert_eq!(broken.take_memory_update(), Some(MemoryUpdate::Write(record)));
-    // A fault that was latched stays the first one.
+    // A fault that was latched stays the first fault.
     broken.trip(Some(FaultRecord::bare(Fault::CountJump)));
     assert_eq!(broken.fault, Some(record));
 }
