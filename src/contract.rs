@@ -288,8 +288,8 @@ pub trait DebugHalts {
 
 /// Checks the registers that decide whether a force acts, when it acts and which force it is.
 pub trait SetUp {
-    /// Whether the channels to and from the host still have the addresses and sizes of set-up. Otherwise a `disarm`
-    /// would not arrive.
+    /// Whether the channels to and from the host still have the addresses and sizes of set-up. If they have changed, a
+    /// `disarm` would not arrive.
     fn channels_hold(&mut self) -> bool;
 
     /// Whether all registers are still as at the first call. Called by `render` after each output.

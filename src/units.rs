@@ -11,7 +11,7 @@
 //! | [`Gain`](crate::Gain) | force LSB per input LSB | 31 bits x 2^-shift | relative 2^-31 | 0, 2^-32 .. 2^54 | [`Settings::build`](crate::Settings::build) |
 //! | filter coefficient | 1                  | `Q30`   | 2^-30        | -2 .. 2               | [`Settings::build`](crate::Settings::build) |
 //!
-//! If a format changes, change this table too. The test below compares it with the types.
+//! If a format changes, change this table too. The test below compares the table with the types.
 //!
 //! At 1 um and 10 kHz one count per sample is already 10 mm/s. The 16 fractional bits are for the output of the filter.
 

@@ -207,7 +207,7 @@ impl<P: Port> Console<P> {
     }
 
     fn keep_as(&mut self, stored: Stored, reply: Reply<'_>) {
-        // Otherwise a flipped bit would get into both copies.
+        // Without this check a flipped bit would get into both copies.
         if !self.is_whole() {
             return self.lose();
         }

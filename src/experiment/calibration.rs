@@ -134,7 +134,7 @@ impl Calibration {
         self.plan.is_whole()
     }
 
-    /// Continues from the present force to another one. The total time is not restarted, because the check for a push
+    /// Continues from the present force to another force. The total time is not restarted, because the check for a push
     /// without motion is off during a calibration.
     pub fn retarget(&mut self, plan: CalibrationPlan) {
         self.plan.set(plan);

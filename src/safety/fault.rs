@@ -79,7 +79,7 @@ faults! {
     ForceOutput = 35, "force output";
     /// The motor's current does not match the force output.
     MotorCurrent = 36, "motor current";
-    /// The settings in force are not valid, or outside the envelope while it is locked.
+    /// The settings in force are not valid, or they are outside the envelope while the envelope is locked.
     Settings = 40, "settings";
     /// The program stopped itself.
     Panic = 41, "panic";

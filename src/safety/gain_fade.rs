@@ -242,8 +242,9 @@ mod tests {
     }
 
     proptest! {
-        /// Any changes, at any time. The reference keeps the old settings for one more output. Where the handle is in
-        /// the same walls, the two forces differ by at most 5 % of full scale. The wall has its sign everywhere.
+        /// Any changes, at any time. The reference keeps the old settings for one more output. At an output with the
+        /// handle inside the same walls as before, the two forces differ by at most 5 % of full scale. The wall has its
+        /// sign everywhere.
         #[test]
         fn no_change_steps_by_more_than_5_percent_and_none_turns_the_wall_round(
             push_only in any::<bool>(),

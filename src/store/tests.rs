@@ -326,7 +326,7 @@ fn damage_in_older_records_is_counted_and_changes_nothing() {
     assert_eq!((stiffness(&loaded), loaded.source, loaded.damaged), (2.0, Source::Newest, 1));
 }
 
-/// Otherwise every boot would report that the newest copy is damaged.
+/// Without the new copy every boot would report that the newest copy is damaged.
 #[test]
 fn the_same_settings_are_written_anew_after_an_erase_that_was_cut_short() {
     let mut flash = Mock::<4>::new();

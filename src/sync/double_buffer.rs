@@ -1,10 +1,10 @@
 //! Gives the newest value from a task to a task that preempts it: two buffers, and a pointer to the valid one.
 //!
-//! The reader only takes a reference: no copy, no check, one load. This is sound only because the reader preempts the
-//! writer on a single core. The writer stands still during a whole pass of the reader. If the pass comes before the
-//! pointer changes, the reader sees the old buffer. If the pass comes after the change, the reader sees the new buffer.
-//! The writer never writes the valid buffer. Because there is a single core, only the compiler must keep the order of
-//! the stores.
+//! The reader only takes a reference: no copy, no check, one load. Without a lock, this is sound only because the
+//! reader preempts the writer on a single core. The writer stands still during a whole pass of the reader. If the pass
+//! comes before the pointer changes, the reader sees the old buffer. If the pass comes after the change, the reader
+//! sees the new buffer. The writer never writes the valid buffer. Because there is a single core, only the compiler
+//! must keep the order of the stores.
 
 use core::{
     cell::UnsafeCell,

@@ -1,9 +1,9 @@
 //! Gives the newest value from a task to a task that it preempts: one buffer, and a number that changes with every
 //! value.
 //!
-//! The writer only stores and numbers. This is sound only because the writer preempts the reader on a single core. So
-//! the reader never sees a half-written value. But a whole write may come while the reader copies. Then the number has
-//! changed, and the reader copies again. Writes are far apart (a sample), so this happens at most once.
+//! The writer only stores and numbers. Without a lock, this is sound only because the writer preempts the reader on a
+//! single core. So the reader never sees a half-written value. But a whole write may come while the reader copies. Then
+//! the number has changed, and the reader copies again. Writes are far apart (a sample), so this happens at most once.
 
 use core::{
     cell::UnsafeCell,

@@ -131,8 +131,8 @@ impl Render {
         }
     }
 
-    /// Computes and writes the output for the newest due sample. Then it does everything that can wait until the force
-    /// is out.
+    /// Computes and writes the output for the newest due sample. Then does everything that can wait until the force is
+    /// written.
     ///
     /// If this output is late by a period, `sample` switches off, and the fault `late render` is latched.
     #[inline(always)]

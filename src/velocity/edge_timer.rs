@@ -14,11 +14,11 @@
 //! so its count alone cannot give this age.
 //!
 //! **Age.** Samples are taken at equal intervals, except for some cycles of the processor. One reading sets the phase
-//! of all samples, and ages refer to this phase. So an estimator works with the nominal sample, without jitter. Only
-//! the age of an edge between the nominal and the true reading is wrong, by at most the distance of the two readings.
-//! This age is cut to 0, or to one sample with the next count. A reading that differs from the phase by more than
-//! [`CLOSE`] ticks sets the phase again. This is needed because the first readings come when the program is ready. A
-//! delayed first reading must not set the phase for all later readings.
+//! of all samples, and ages refer to this phase. So an estimator works with the nominal times of the samples, without
+//! jitter. Only the age of an edge between the nominal and the true reading is wrong, by at most the distance of the
+//! two readings. This age is cut to 0, or to one sample with the next count. A reading that differs from the phase by
+//! more than [`CLOSE`] ticks sets the phase again. This is needed because the first readings come when the program is
+//! ready. A delayed first reading must not set the phase for all later readings.
 //!
 //! **Error.** The age is wrong by less than a tick, and up to 2^-16 samples too short. A channel keeps only its last
 //! edge, and the direction is read after the count. So two cases lose the last edge of a count. In the first, the

@@ -162,7 +162,7 @@ impl Estimator {
     ///
     /// The usual estimators are inlined, all other estimators are called. So the state of a usual estimator stays in
     /// registers.
-    #[inline(always)] // called, it would put senses that nobody looks at into memory
+    #[inline(always)] // a call would put senses that nobody reads into memory
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
         self.update_as(Tuning::first(self), state, position, senses)
     }

@@ -27,7 +27,7 @@
 //!
 //! The output is low-passed differentiated position plus high-passed integrated acceleration. The weights of both parts
 //! add up to one, so the two filters are complementary. If u is right, there is no delay at any frequency. If u is 0,
-//! the delay at DC is 0 as well. But motions around 0.6 of the bandwidth are then too large by 2.3 dB.
+//! the delay at DC is 0 as well. But for motions at about 0.6 of the bandwidth the output is then too large by 2.3 dB.
 //!
 //! **Fixed point.** The state has the difference `x - x^`, so a wrap of the count does not matter. This difference has
 //! 32 fractional bits, the velocity 44, the disturbance 48. Products have 96 bits. Each state saturates. With the gains

@@ -143,7 +143,7 @@ macro_rules! estimators {
         }
 
         impl Estimator {
-            #[inline(always)] // called, it would put senses that nobody looks at into memory
+            #[inline(always)] // a call would put senses that nobody reads into memory
             pub(super) fn step(
                 &self,
                 (memory, seal): (&mut Memory, &mut u32),

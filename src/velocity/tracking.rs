@@ -17,8 +17,8 @@
 //! kp = 1 - p^2,   ki = (1 - p)^2
 //! ```
 //!
-//! From [`BANDWIDTH_MAX`] of the rate on (kp = 0.957 there), kp comes near 1. With kp near 1 the loop follows every
-//! count. So a higher bandwidth is refused.
+//! At [`BANDWIDTH_MAX`] kp is 0.957. At higher bandwidths kp comes near 1. With kp near 1 the loop follows every count.
+//! So a higher bandwidth is refused.
 //!
 //! **Form.** Solved for v^ the loop is
 //!

@@ -11,9 +11,9 @@
 //! ```
 //!
 //! The stream is circular with one item, so each further update stores the same word. In direct mode (FCR as reset) the
-//! word is fetched before its request. DMA1 cannot do this: its peripheral port reaches only APB1, and TIM1 is on APB2
-//! (RM0090 2.1, figure 1). In a debugger's halt TIM8 and DMA2 run on (debugger.rs). So after a halt longer than
-//! [`OUTPUT_WATCHDOG_US`], the force stays off until `arm`.
+//! word is fetched before its request. DMA1 cannot make this transfer: its peripheral port reaches only APB1, and TIM1
+//! is on APB2 (RM0090 2.1, figure 1). In a debugger's halt TIM8 and DMA2 run on (debugger.rs). So after a halt longer
+//! than [`OUTPUT_WATCHDOG_US`], the force stays off until `arm`.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 

@@ -101,7 +101,7 @@ const STEP: usize = 600;
 /// Reads the compare values back, with enable off. If a pin does not stay low, the reading is all ones.
 pub fn test() -> Found {
     let read = |code: u32| {
-        // Otherwise an output of `render` would overwrite the code with zero force.
+        // Without the mask an output of `render` would overwrite the code with zero force.
         mask::with_lower_tasks_masked(|| {
             set(code, code);
             let tim1 = enable::registers();

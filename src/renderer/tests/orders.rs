@@ -33,7 +33,7 @@ fn a_host_that_falls_silent_takes_the_force_away_in_time() {
     bench.met(Order::Request(Request::Arm));
     bench.run(600);
     assert_eq!(bench.status().state, State::Armed);
-    // A promise that is given with the force off counts from `arm` on.
+    // If a promise is given with the force off, its time begins with `arm`.
     bench.met(Order::Request(Request::Disarm));
     bench.met(word);
     bench.run(300);
