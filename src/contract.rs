@@ -233,7 +233,7 @@ pub trait ForceOutput {
     /// is inactive. Called once per output, by `render`.
     fn write(&mut self, command: OutputCode, mirrored: bool);
 
-    /// Sets zero force at once, or with the output's next period. For any task and handler.
+    /// Sets zero force at once, or with the output's next period. Any task and handler may call it.
     fn zero();
 
     /// Starts the output's own clock, if it has one.
@@ -250,7 +250,7 @@ pub trait Enable {
     /// Makes the line active, unless the emergency stop is open. Clears the flag of [`was_stopped`](Self::was_stopped).
     fn on(&mut self);
 
-    /// Makes the line inactive, now. For any task and handler.
+    /// Makes the line inactive, now. Any task and handler may call it.
     fn off();
 
     /// Whether the line is active. The level is read back, so the result is false as soon as hardware has switched the

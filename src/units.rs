@@ -13,7 +13,8 @@
 //!
 //! If a format changes, change this table too. The test below compares the table with the types.
 //!
-//! At 1 um and 10 kHz one count per sample is already 10 mm/s. The 16 fractional bits are for the output of the filter.
+//! At 1 um and 10 kHz one count per sample is already 10 mm/s. The output of the filter needs finer steps: the 16
+//! fractional bits.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 

@@ -70,7 +70,7 @@ pub fn take(
     contract::Board::take(device, core)
 }
 
-/// See [`contract::start`]. For `idle`.
+/// See [`contract::start`]. Called by `idle`.
 pub fn start() {
     forget_floats();
     contract::start::<Encoder, Force, SampleTimer>();

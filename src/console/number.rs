@@ -61,7 +61,7 @@ fn decimal(digits: u64, exponent: i32) -> Option<f64> {
     Some(if exponent < 0 { value / power } else { value * power })
 }
 
-/// `value` rounded to 15 digits, as the simulator rounds a scene's values. Beyond [`POWERS`] unchanged.
+/// `value` rounded to 15 digits, as the simulator rounds a scene's values. Beyond [`POWERS`] the value is unchanged.
 pub(super) fn rounded(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;

@@ -274,9 +274,9 @@ mod tests {
         assert!(next < last && last - next <= (1 << 30) / 50_000 + 1);
     }
 
-    /// The force, in percent, at which a weight on a handle with dry friction has moved by 1 mm. Either 15 % lift the
-    /// weight off a block. Or the force falls from 15 % to 5 %: meanwhile a block above holds the handle, and the block
-    /// below is taken away.
+    /// The force, in percent, at which a weight on a handle with dry friction has moved by 1 mm. There are two ways. In
+    /// the first way 15 % lift the weight off a block. In the second way the force falls from 15 % to 5 %. Meanwhile a
+    /// block above holds the handle, and the block below is taken away.
     fn weighed(weight_percent: f64, friction_n: f64, lifted: bool) -> f64 {
         let plan = |percent| CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap();
         let weight_n = weight_percent / 100.0 * DESIGN.full_scale_n;

@@ -242,8 +242,8 @@ mod tests {
     }
 
     proptest! {
-        /// Any changes, at any time. The reference keeps the old settings for one more output. At an output with the
-        /// handle inside the same walls as before, the two forces differ by at most 5 % of full scale. The wall has its
+        /// Any changes, at any time. The reference keeps the old settings for one more output. The two forces differ by
+        /// at most 5 % of full scale, unless the handle is in the old wall and not in the new wall. The wall has its
         /// sign everywhere.
         #[test]
         fn no_change_steps_by_more_than_5_percent_and_none_turns_the_wall_round(

@@ -20,7 +20,7 @@ use core::{
 
 use super::Static;
 
-/// Two buffers. One of them holds the newest `T`.
+/// Two buffers. One buffer has the newest `T`.
 pub struct DoubleBuffer<T> {
     buffers: [UnsafeCell<MaybeUninit<T>>; 2],
     /// The valid buffer; null before `split`. Only the writer stores it.

@@ -109,7 +109,7 @@ fn log(line: &str) -> bool {
     board::log_dropped() == before
 }
 
-/// The task `link`. Only it and the logger send to the host.
+/// The task `link`. Only this task and the logger send to the host.
 pub struct Link {
     console: Console<Channels>,
     reports: Consumer<'static, Report, REPORTS>,

@@ -81,7 +81,7 @@ impl Sampling for ToSample {
     }
 }
 
-/// The task `render`. Only it writes the force output.
+/// The task `render`. Only this task writes the force output.
 pub struct Render {
     outputs: Outputs,
     ends: Ends,

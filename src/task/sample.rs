@@ -134,7 +134,7 @@ impl Rest {
     }
 }
 
-/// The task `sample`. Only it reads the encoder.
+/// The task `sample`. Only this task reads the encoder.
 pub struct Sample(Owner<Sampling>);
 
 impl Sample {

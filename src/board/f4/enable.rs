@@ -7,7 +7,8 @@
 //! * one store clears MOE, from any task, the panic and the fault handlers.
 //!
 //! While MOE is clear, TIM1 drives its outputs to their idle level, low. Enable is then inactive. On a board with PWM
-//! there is no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the amplifier).
+//! the force output then has no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at
+//! the amplifier).
 //!
 //! The first store to BDTR sets `LOCK` level 3 (RM0090 17.4.18, RM0390 16.4.18). This level freezes break input, idle
 //! levels, polarities and output modes. It does not freeze MOE, counter, periods, compare values and the channels'

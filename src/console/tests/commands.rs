@@ -443,7 +443,7 @@ fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
     assert_eq!(bench.console.port.flash, None);
 }
 
-/// A bit flips on the way into force. Without the check the reply would say 9000.
+/// A bit flips before the settings are in force. Without the check the reply would say 9000.
 #[test]
 fn what_is_in_force_otherwise_than_it_was_asked_for_is_a_fault() {
     let mut bench = Bench::new(FREE);
