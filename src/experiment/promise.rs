@@ -64,7 +64,7 @@ impl Host {
     }
 
     /// Whether the promise is broken at the output of `sample`, or would be broken at the next output, `period` samples
-    /// later. Returns true once. Only silence with the force on counts.
+    /// later. Returns true once. A silence with the force off is ignored.
     #[inline]
     pub fn falls_silent(&mut self, sample: u64, period: u32, on: bool) -> bool {
         #[expect(clippy::cast_possible_truncation, reason = "modulo 2^32, five days")]

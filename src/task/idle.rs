@@ -35,7 +35,7 @@ impl Idle {
             self.fed = now;
         }
         if let Some(found) = self.pass.go_on() {
-            // `link` accepts only steps by the right checksum.
+            // `link` accepts this sum only if each pass adds the right checksum.
             self.checked = self.checked.wrapping_add(found);
             FLAGS.checked.store(self.checked, Relaxed);
             if found != RIGHT {

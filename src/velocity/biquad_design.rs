@@ -17,7 +17,7 @@
 //! contain the half sample.
 //!
 //! **Accepted values.** The first zero may be at -1 or above. The magnitudes of the coefficients add up to less than 4,
-//! so that no sum overflows for any counts. This bounds the lead of a low frequency.
+//! so that no sum overflows for any counts. This condition limits the lead if the frequency is low.
 
 use core::ops::RangeInclusive;
 

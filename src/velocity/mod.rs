@@ -1,7 +1,7 @@
 //! Position to [`Velocity`]: the second stage, run for every sample.
 //!
-//! An [`Estimator`] has integer coefficients, from the settings of a person. A [`State`] has the values that the
-//! samples have left, and the number of their estimator. An estimator never continues from the state of another
+//! An [`Estimator`] has integer coefficients, from the settings of a person. A [`State`] has the values that follow
+//! from the past samples, and the number of the estimator. An estimator never continues from the state of another
 //! estimator or tuning. Instead it starts from the velocity of the last sample, as if the handle had always moved at
 //! this velocity. Otherwise one flicker of the counts could leave a slope in the state of a fast filter. With this
 //! slope a slow filter would drift far away. [`Tuned`] is an estimator with the number of its tuning, so that both come
@@ -69,7 +69,7 @@ use table::{Kind, Memory};
 
 /// An estimator's integer form, which runs for every sample.
 trait Form {
-    /// Values that the samples leave.
+    /// Values that follow from the past samples.
     type State: Copy + core::fmt::Debug + Kept;
 
     const REST: Self::State;

@@ -15,7 +15,7 @@ fn supervisor() -> Supervisor {
     Supervisor::new(SETTINGS.build(&DESIGN).unwrap(), None)
 }
 
-/// A change of any single copy is enough.
+/// A change of any single copy is found.
 #[test]
 fn it_is_whole_until_a_copy_differs() {
     assert!(supervisor().is_whole());
