@@ -333,7 +333,8 @@ mod tests {
     const LENGTH_MAX: usize = if cfg!(miri) { 8 } else { 200 };
 
     proptest! {
-        /// For any motion that does not turn near a reading, the edge is the edge of the count, to the tick.
+        /// For any motion that does not turn near a reading, the reported edge is the last edge of the count, exact to
+        /// the tick.
         #[test]
         fn the_edge_is_the_last_one_in_the_count(
             legs in prop::collection::vec((8..SPACING_MAX, 1..LENGTH_MAX, any::<bool>()), 1..8),

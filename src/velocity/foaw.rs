@@ -33,7 +33,7 @@ use crate::{
     units::Velocity,
 };
 
-/// Steps of the noise in a count. The noise has a resolution of 1/16 count.
+/// Steps of the noise per count: the noise is rounded to 1/16 count.
 const NOISE_STEPS: i32 = 16;
 /// A bound that no slope reaches, in steps of the noise. Its product with the longest window fits 32 bits.
 const FREE: i32 = 1 << 25;
@@ -68,7 +68,7 @@ impl Foaw {
     /// Largest accepted noise, counts.
     pub const NOISE_MAX: f64 = 1000.0;
 
-    /// Steps of the noise in a count.
+    /// Steps of the noise per count.
     pub const NOISE_STEPS: i32 = NOISE_STEPS;
     /// A bound that no slope reaches, in steps of the noise.
     pub const FREE: i32 = FREE;

@@ -16,7 +16,7 @@ const ADDRESS: *mut [u32; FaultRecord::WORDS] = ptr::without_provenance_mut(0x40
 pub struct FaultMemory(());
 
 impl FaultMemory {
-    /// Gives the RAM its clock and opens it for writing.
+    /// Switches on the RAM's clock, and opens the RAM for writing.
     pub fn new(supply: &Supply, rcc: &mut Rcc) -> Self {
         rcc.ahb1enr().modify(|_, w| w.bkpsramen().set_bit());
         supply.open_backup();
