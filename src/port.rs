@@ -8,7 +8,7 @@
 //!
 //! The force is constant between two changes, so the sum is exact for every motion of the counts. The account begins
 //! anew with each contact, at the first output behind the surface. Positive: the wall has taken energy from the hand.
-//! Negative: the wall has given more energy than it took. No spring and no damper can do that.
+//! Negative: the wall has given more energy than it has taken. No spring and no damper can do that.
 //!
 //! The unit is an LSB of [`Force`](crate::units::Force) times a count: `full scale / 2^30 * resolution` is J.
 //!

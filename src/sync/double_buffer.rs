@@ -27,7 +27,7 @@ pub struct DoubleBuffer<T> {
     newest: AtomicPtr<T>,
 }
 
-// SAFETY: see the module. The valid buffer is only read, the other one is only written, each by one task.
+// SAFETY: see the module. One task only reads the valid buffer. One task only writes the other buffer.
 unsafe impl<T: Send + Sync> Sync for DoubleBuffer<T> {}
 
 pub struct DoubleBufferWriter<T: 'static>(&'static DoubleBuffer<T>);

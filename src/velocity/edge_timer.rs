@@ -21,10 +21,10 @@
 //! ready. A delayed first reading must not set the phase for all later readings.
 //!
 //! **Error.** The age is wrong by less than a tick, and up to 2^-16 samples too short. A channel keeps only its last
-//! edge, and the direction is read after the count. So two cases lose the last edge of a count. In the first, the
-//! handle turns in a sample and an edge comes between the readings. In the second, two edges come between the readings.
-//! Then no edge is reported, and the estimator assumes half a count's time as the edge's age. The code mistakes one
-//! edge for another only if the handle turns twice in a sample, the second time between the readings.
+//! edge, and the direction is read after the count. So two cases lose the last edge of a count. In the first case, the
+//! handle turns in a sample and an edge comes between the readings. In the second case, two edges come between the
+//! readings. In both cases no edge is reported, and the estimator assumes half a count's time as the edge's age. The
+//! code mistakes one edge for another only if the handle turns twice in a sample, the second time between the readings.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
