@@ -1,5 +1,6 @@
 //! Puts the device record and the commit into an image, and sets the link arguments. The link arguments are not in
-//! .cargo/config.toml. There an environment variable RUSTFLAGS replaces them silently, and the image has no vectors.
+//! .cargo/config.toml, because an environment variable RUSTFLAGS would silently replace them there. The image would
+//! then have no vectors.
 
 use std::{
     env, fs,
@@ -41,8 +42,8 @@ fn main() {
 }
 
 /// The first device record of the image: the file that ZWIDTH_DEVICE names, or the record of the board's own scene. The
-/// firmware checks at boot whether the record is complete. This script cannot, because it cannot use the package's own
-/// code.
+/// firmware checks at boot whether the record is complete. This script cannot check the record, because a build script
+/// cannot use the package's own code.
 fn record(board: &str) -> Vec<u8> {
     println!("cargo:rerun-if-env-changed=ZWIDTH_DEVICE");
     let given = env::var_os("ZWIDTH_DEVICE").filter(|path| !path.is_empty());
@@ -61,14 +62,14 @@ fn record(board: &str) -> Vec<u8> {
     bytes
 }
 
-/// Files of the package that an image is made of. The device record has a hash of its own.
+/// Files of the package from which an image is built. The device record has a hash of its own.
 const SOURCES: [&str; 7] =
     [".cargo", "Cargo.lock", "Cargo.toml", "build.rs", "memory.x", "rust-toolchain.toml", "src"];
 
-/// The commit of the package in that folder, and the files that cargo watches for a change. The commit has 12 digits,
-/// and ends in `-dirty` if a source of the image is not as committed. It is `unknown` in a source archive without git,
-/// even if the archive is unpacked inside another repository. On the host nothing depends on the commit, so a new
-/// commit rebuilds the image only.
+/// The commit of the package in `folder`, and the files that cargo watches for a change. The commit has 12 digits, and
+/// ends in `-dirty` if a source of the image is not as committed. It is `unknown` in a source archive without git, even
+/// if the archive is unpacked inside another repository. On the host nothing depends on the commit, so a new commit
+/// rebuilds the image only.
 pub fn commit(folder: &Path) -> (String, Vec<PathBuf>) {
     let git = |words: &[&str]| {
         let mut git = Command::new("git");

@@ -16,7 +16,7 @@ pub enum Output {
     /// No quantisation: the simulator's ideal output. The code is the force in LSB of 2^-30.
     Continuous,
     /// A DAC with offset binary codes `0 ..= 2^bits - 1`. Zero force is at `2^(bits-1)`. Full scale is `2^(bits-1) - 1`
-    /// codes away from it on both sides.
+    /// codes away from zero force, on both sides.
     Dac {
         /// Resolution, 2 to 24 bits.
         bits: u32,

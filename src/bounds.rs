@@ -1,15 +1,16 @@
 //! Tests that low-passes, gains, wall, actuator and RMS cannot overflow, for all inputs at once. `fir.rs`, `kalman.rs`
 //! and `observer.rs` have the same tests for their estimators. Levant's differentiator, adaptive windowing and time
-//! stamps are only tried with random motion and senses. Their arithmetic does not have the shape that is described
-//! below: the first has a root, the others have divisions, and windows that depend on the data.
+//! stamps are only tested with random motion and random senses. Their arithmetic does not have the shape that is
+//! described below. Levant's differentiator has a root. Adaptive windowing and time stamps have divisions, and windows
+//! that depend on the data.
 //!
 //! Every intermediate of the arithmetic below is affine or monotone in each of its arguments alone (products, sums,
-//! shifts, clamps). So is each partial sum. So the extremes over a box of arguments lie at corners of the box. The
-//! tests run the core's own functions, with overflow checks on, at all corners of the boxes that their callers can
-//! reach. If no corner overflows, no point of the box does. Coefficients are arguments like any other, so one run
-//! covers every cutoff and rate.
+//! shifts, clamps). Each partial sum is affine or monotone in the same way. So the extremes over a box of arguments lie
+//! at corners of the box. The tests run the core's own functions, with overflow checks on, at all corners of the boxes
+//! that their callers can reach. If no corner overflows, no point of the box overflows. Coefficients are arguments like
+//! any other, so one run covers every cutoff and rate.
 //!
-//! Kani would do the same with a solver. This shape of arithmetic does not need it.
+//! Kani would prove the same with a solver. Arithmetic of this shape needs no solver.
 
 use std::vec::Vec;
 
@@ -27,13 +28,13 @@ pub(crate) fn corners<T: Copy, const N: usize>(ends: [[T; 2]; N]) -> impl Iterat
     (0u32..1 << N).map(move |choice| core::array::from_fn(|n| ends[n][(choice >> n & 1) as usize]))
 }
 
-/// Boxes that hold the coefficients of all accepted low-passes, order 1 and 2, both ways of warping. Each of many small
-/// ranges of the cutoff has its own box. In one box over all cutoffs the corners would pair coefficients that never
-/// occur together.
+/// Boxes that contain the coefficients of all accepted low-passes, order 1 and 2, both ways of warping. Each of many
+/// small ranges of the cutoff has its own box. In one box over all cutoffs the corners would pair coefficients that
+/// never occur together.
 fn coefficient_boxes() -> Vec<[[i32; 2]; 5]> {
     const BOXES: u32 = 64;
-    /// Cutoffs that are computed in each range, with both ends. Between two of them every coefficient is monotone, or
-    /// bends by less than the margin.
+    /// Cutoffs that are computed in each range, including both ends. Between two neighbouring cutoffs every coefficient
+    /// is monotone, or bends by less than the margin.
     const LOOKS: u32 = 64;
     const MARGIN: i32 = 1 << 12;
     let cutoff = |n: u32| {
@@ -97,7 +98,7 @@ fn a_low_pass_never_overflows_whatever_the_cutoff_and_its_state() {
     }
 }
 
-/// The positive control: with coefficients beyond the accepted ones the same test finds an overflow.
+/// The positive control: the same test finds an overflow if the coefficients are beyond the accepted coefficients.
 #[test]
 #[cfg_attr(miri, ignore = "millions of corners")]
 #[should_panic(expected = "overflow")]
@@ -152,8 +153,8 @@ fn products_walls_and_codes_never_overflow() {
     }
 }
 
-/// The sums of an RMS at their largest: 2^24 samples, 2^31 counts from the first. The test sets the sums directly. Each
-/// sample adds at most this much to the sum and to the sum of squares.
+/// The sums of an RMS at their largest: 2^24 samples, each 2^31 counts from the first sample. The test sets the sums
+/// directly. No sample can add more to the sum or to the sum of squares.
 #[test]
 fn the_sums_of_a_hit_hold_its_longest_window() {
     let mut scatter = RunningVariance::at_its_widest(1 << 24);

@@ -17,19 +17,19 @@
 //! | [`Watchdog`] | `idle` | reset when the tasks stop |
 //!
 //! `sample` has the highest priority (15), then `render` and the supply's interrupt (14), `link` (1), `idle` (0).
-//! Functions that `sample` and `render` call are inlined and have a concrete type, so they cost no more than the
-//! register accesses. They take a bounded number of cycles: they do not wait, lock or panic. [`off`] works at every
-//! priority, and in the panic and fault handlers.
+//! Functions that `sample` and `render` call are inlined and have a concrete type, so a call takes only the time of the
+//! register accesses. These functions take a bounded number of cycles: they do not wait, lock or panic. [`off`] works
+//! at every priority, and in the panic and fault handlers.
 //!
 //! **Signs.** In the whole core, into the wall is positive: the count rises into the wall, and a positive
 //! [`OutputCode`] pushes into it. Only [`Encoder::turn`] and `mirrored` adapt a board's own polarity (which channel
-//! leads, which way a motor is wound). The settings `encoder` and `motor` control them. The sign test of `arm` checks
-//! that both together are right.
+//! leads, which way a motor is wound). The settings `encoder` and `motor` control the two functions. The sign test of
+//! `arm` checks that both settings together are right.
 //!
-//! Traits of other crates are used where they fit: [`InputPin`] for the switch, [`NorFlash`] for the settings. Others
-//! do not fit. `OutputPin` has one owner, but any task may switch enable off, and on our boards hardware does so too.
-//! `SetDutyCycle` sets one channel, but magnitude and sign change together. embedded-hal 1.0 has no quadrature counter,
-//! converter, timer or watchdog. `embedded_io` waits for room or for data.
+//! Traits of other crates are used where they fit: [`InputPin`] for the switch, [`NorFlash`] for the settings. Other
+//! traits do not fit. `OutputPin` has one owner, but any task may switch enable off, and on our boards the hardware may
+//! switch it off too. `SetDutyCycle` sets one channel, but magnitude and sign of a force change together. embedded-hal
+//! 1.0 has no quadrature counter, converter, timer or watchdog. `embedded_io` waits for room or for data.
 
 use embedded_hal::digital::InputPin;
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
@@ -104,23 +104,24 @@ pub trait Board: Sized {
     /// Pends the interrupt of `link`. Called by `render`.
     fn request_link();
 
-    /// Switches off for good. Writes this fault to the memory that keeps it over the coming reset. Any task may call
-    /// it. Nothing runs after it.
+    /// Switches off until the next reset. Writes `fault` to the memory that a reset does not erase. Any task may call
+    /// this function. No task runs afterwards.
     fn end(fault: Fault) -> !;
 
-    /// Lines of the log that were dropped for lack of room since the start; wraps.
+    /// Number of log lines that were dropped since the start, because there was no room; wraps.
     fn log_dropped() -> u32;
 }
 
-/// Starts the encoder and the output's clock, and then at once the sampling. The time between the last two sets the
-/// phase of a PWM. Call it once, with all interrupts on.
+/// Starts the encoder, the output's clock, and then at once the sampling. The phase of a PWM depends on the time from
+/// the start of the output's clock to the start of the sampling. Call this function once, with all interrupts on.
 pub fn start<E: Encoder, F: ForceOutput, T: SampleTimer>() {
     E::start();
     F::start();
     T::start();
 }
 
-/// Switches off: first enable inactive, then zero force. A few stores, for any task and handler.
+/// Switches off: first enable inactive, then zero force. This function consists of a few stores. Any task and handler
+/// may call it.
 #[inline(always)]
 pub fn off<F: ForceOutput, E: Enable>() {
     E::off();
@@ -130,9 +131,9 @@ pub fn off<F: ForceOutput, E: Enable>() {
 /// Reads what a board reports at an output. `switched_on`: the task `render` has switched the amplifier on. `found`:
 /// faults found since the last output. `sample`: number of the sample. `period`: samples from output to output.
 ///
-/// Effects are read before their causes: enable before everything that switches it off, the flag of an open stop before
-/// the stop's level. So an effect that is read always has its cause, whatever happens between two reads. No stop is
-/// taken for a halt. The guard's findings are another cause: read them after this.
+/// An effect is read before its causes: enable before everything that switches enable off, the flag of an open stop
+/// before the stop's level. So if an effect was read, its cause is read too, whatever happens between two reads. For
+/// example, a stop is not mistaken for a halt. The guard's new findings are a cause too: read them after this call.
 #[inline(always)]
 pub fn sense<F: ForceOutput, E: Enable, P: InputPin>(
     (switched_on, found): (bool, FaultSet),
@@ -217,8 +218,8 @@ pub trait SampleTimer {
     /// Runs from now on; the first sample comes one period later.
     fn start();
 
-    /// Whether more than two fifths of the present sample are over. Then an output of every sample has time only for
-    /// its necessary work. Called by `render`.
+    /// Whether more than two fifths of the time to the next sample have passed. If there is an output at every sample,
+    /// this output then has time only for its necessary work. Called by `render`.
     fn is_late() -> bool;
 
     /// Clears the request of the present sample. Called by `sample`.
@@ -228,11 +229,11 @@ pub trait SampleTimer {
 /// The force output: turns a whole command into a force.
 pub trait ForceOutput {
     /// Sets the output to a command, which the core has clamped to the range of [`Board::OUTPUT`]. `mirrored` mirrors
-    /// it about zero force, if the motor is mounted the other way round. It has no effect while enable is inactive.
-    /// Called once per output, by `render`.
+    /// the command about zero force, if the motor is mounted the other way round. The output has no effect while enable
+    /// is inactive. Called once per output, by `render`.
     fn write(&mut self, command: OutputCode, mirrored: bool);
 
-    /// Sets zero force at once, or with the output's next period. For any task and handler.
+    /// Sets zero force at once, or with the output's next period. Any task and handler may call it.
     fn zero();
 
     /// Starts the output's own clock, if it has one.
@@ -249,10 +250,11 @@ pub trait Enable {
     /// Makes the line active, unless the emergency stop is open. Clears the flag of [`was_stopped`](Self::was_stopped).
     fn on(&mut self);
 
-    /// Makes the line inactive, now. For any task and handler.
+    /// Makes the line inactive, now. Any task and handler may call it.
     fn off();
 
-    /// Whether the line is active. It is read back, so this is false as soon as hardware has switched it off.
+    /// Whether the line is active. The level is read back, so the result is false as soon as hardware has switched the
+    /// line off.
     fn is_on(&self) -> bool;
 
     /// Whether the emergency stop was open at any time since [`on`](Self::on), however briefly.
@@ -268,14 +270,15 @@ pub trait Supply {
     fn is_low(&mut self) -> bool;
 }
 
-/// Finds halts by a debugger. A timer that runs on in a halt shows time without samples.
+/// Finds halts by a debugger. A timer that keeps running during a halt shows the time that passed without samples.
 pub trait DebugHalts {
     /// Whether the core was halted since the last output. `sample`: number of this output's sample. `period`: samples
     /// from output to output. Called by `render` at each output.
     fn since_the_last(&mut self, sample: u64, period: u32) -> bool;
 
-    /// The timer that runs on, [`HaltWatch::TICKS_PER_SAMPLE`](crate::safety::HaltWatch::TICKS_PER_SAMPLE) ticks per
-    /// sample; it wraps. Called by `link`.
+    /// Count of the timer that keeps running during a halt,
+    /// [`HaltWatch::TICKS_PER_SAMPLE`](crate::safety::HaltWatch::TICKS_PER_SAMPLE) ticks per sample; wraps. Called by
+    /// `link`.
     fn clock() -> u16;
 
     /// Whether this timer and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch). Called by
@@ -285,8 +288,8 @@ pub trait DebugHalts {
 
 /// Checks the registers that decide whether a force acts, when it acts and which force it is.
 pub trait SetUp {
-    /// Whether the channels to and from the host are still where they were set up. Otherwise a `disarm` would not
-    /// arrive.
+    /// Whether the channels to and from the host still have the addresses and sizes of set-up. If they have changed, a
+    /// `disarm` would not arrive.
     fn channels_hold(&mut self) -> bool;
 
     /// Whether all registers are still as at the first call. Called by `render` after each output.
@@ -302,8 +305,8 @@ pub trait ReadBack {
     /// back.
     const SWING: Option<[i32; 2]>;
 
-    /// Begins to read the force output. Called by `render` at the beginning of each output, so it reads the last
-    /// output, not the code that is written some microseconds later.
+    /// Begins to read the force output. Called by `render` at the beginning of each output, so the reading belongs to
+    /// the last output, not to the code that is written some microseconds later.
     fn begin(&mut self);
 
     /// The converters' readings. Called by `render`, in the same output, after the force is written.
@@ -311,8 +314,8 @@ pub trait ReadBack {
 }
 
 /// Hardware that makes enable inactive when no output has come for
-/// [`OUTPUT_WATCHDOG_US`](crate::period::OUTPUT_WATCHDOG_US). It also works if the core stands still, is locked up or
-/// has masked its interrupts.
+/// [`OUTPUT_WATCHDOG_US`](crate::period::OUTPUT_WATCHDOG_US). This hardware also works if the core stands still, is
+/// locked up or has masked its interrupts.
 pub trait OutputWatchdog {
     /// Restarts the time. Called by `render` with each output, whether the force is on or off, so that the hardware
     /// never acts during [`Enable::on`]. `sample`: number of the output's sample. `halted`: a debugger has had the core
@@ -325,12 +328,13 @@ pub trait OutputWatchdog {
 
 /// Tests that a board can make by itself.
 pub trait SelfTest {
-    /// Tests this part, with the force off, and leaves everything as it was. Called by `link`, for at most 15 ms.
-    /// `render` waits for at most 4 ms. Enable is active at zero force, for at most as long.
+    /// Tests this part, with the force off, and leaves everything as it was. Called by `link`. A test takes at most 15
+    /// ms. `render` waits for at most 4 ms during the test. Enable is active for at most 4 ms, at zero force.
     fn test(&mut self, part: Part) -> Found;
 }
 
-/// Resets the chip, which switches everything off, if it is not fed. It has its own oscillator. Only a reset stops it.
+/// Resets the chip if [`feed`](Self::feed) is not called in time. A reset switches everything off. The watchdog has its
+/// own oscillator. Only a reset stops the watchdog.
 pub trait Watchdog {
     /// Feeds the watchdog: all tasks are alive. Called by `idle`, at least each 20 ms. The reset comes after 30 to 100
     /// ms.
@@ -339,7 +343,7 @@ pub trait Watchdog {
 
 /// Memory that keeps its content over a reset, but perhaps not over a loss of power.
 pub trait FaultMemory {
-    /// Reads its content: a record, zeros, or anything after power-on.
+    /// Reads the content: a record, zeros, or anything after power-on.
     fn read(&self) -> [u32; FaultRecord::WORDS];
 
     /// Writes all words of a record.
@@ -363,11 +367,11 @@ pub trait CommandChannel {
     fn read(&mut self, bytes: &mut [u8]) -> usize;
 }
 
-/// The error bits of the flash controller's status register. 0: place or length is not allowed, and the controller was
-/// not used.
+/// The error bits of the flash controller's status register. 0: address or length is not allowed, and the controller
+/// was not used.
 ///
-/// Erase and write stall the core, on some boards for up to a second. `link` calls them only with the force off. The
-/// board gives the watchdog more time meanwhile.
+/// Erase and write stall the core, on some boards for up to a second. `link` erases and writes only with the force off.
+/// Meanwhile the board gives the watchdog more time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlashError(pub u32);
 
@@ -395,7 +399,7 @@ impl<F: ForceOutput, E: Enable> Drive<F, E> {
         Self { force, enable }
     }
 
-    /// Puts a command out, see [`ForceOutput::write`].
+    /// Writes a command to the output, see [`ForceOutput::write`].
     #[inline(always)]
     pub fn write(&mut self, command: OutputCode, mirrored: bool) {
         self.force.write(command, mirrored);

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// All values that a sample needs, in integers, made by [`Settings::build`](crate::Settings::build). They are
-/// immutable: a new `LoopParameters` replaces the old one as a whole, between two samples.
+/// immutable: a new `LoopParameters` replaces the old parameters as a whole, between two samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopParameters {
     /// Velocity estimator with its coefficients.
@@ -68,7 +68,7 @@ pub struct Drive {
     pub saturated: bool,
 }
 
-/// Most samples of one call of [`Sampler::sense_all`].
+/// Most samples in one call of [`Sampler::sense_all`].
 pub const RUN: usize = 16;
 
 /// The part of the pipeline that runs for every sample, with its state.
@@ -80,7 +80,8 @@ pub struct Sampler<W = CounterWidth> {
     sample: u32,
     /// Number of the sample with which the next output is due, low 32 bits.
     due: u32,
-    /// High 32 bits of `due`. No sample is far from `due`, so they also give the high bits of every sample's number.
+    /// High 32 bits of `due`. No sample is far from `due`, so these bits also give the high bits of every sample's
+    /// number.
     high: u32,
 }
 
@@ -129,7 +130,7 @@ impl<W: Width> Sampler<W> {
         } else {
             ((self.high as u64) << 32 | self.due as u64).wrapping_add(since as u64)
         };
-        // The low half is `number`. This form saves the sums if a caller needs only the low half.
+        // The low half of the result is `number` itself. So a caller that needs only the low half needs no addition.
         near & !(u32::MAX as u64) | number as u64
     }
 
@@ -159,10 +160,10 @@ impl<W: Width> Sampler<W> {
         self.say(control, self.sample, position, velocity)
     }
 
-    /// As [`sense`](Self::sense), for the first [`RUN`] readings (as signed numbers). Only the last one may have an
-    /// output. For simulators, which have several readings at once: the estimator is looked up only once. `senses` is
-    /// empty if the estimator needs none. Returns the velocities, and the result of `sense` for the last reading.
-    /// `None` without a reading.
+    /// As [`sense`](Self::sense), for the first [`RUN`] readings (as signed numbers). Only the last reading may have an
+    /// output. This function is for simulators, which have several readings at once. It looks up the estimator only
+    /// once. `senses` is empty if the estimator needs none. Returns the velocities, and the result of `sense` for the
+    /// last reading. `None` without a reading.
     #[inline]
     pub fn sense_all(
         &mut self,
@@ -221,22 +222,23 @@ impl<W> Sampler<W> {
 }
 
 impl LoopParameters {
-    /// These parameters, to replace `running`. If the estimator or its tuning differs, it starts anew with its first
-    /// sample, see [`Tuned`].
+    /// These parameters as a replacement of `running`. If the estimator or its tuning differs from `running`, the
+    /// estimator starts anew with its first sample, see [`Tuned`].
     #[must_use]
     pub fn after(self, running: &Self) -> Self {
         Self { estimator: self.estimator.after(&running.estimator), ..self }
     }
 
-    /// Whether these parameters do the same as `other`. The time when they were put in force does not count.
+    /// Whether these parameters have the same effect as `other`. The time when the parameters were put in force is not
+    /// compared.
     pub fn does_as(&self, other: &Self) -> bool {
         let Self { estimator, wall, actuator, period } = self;
         **estimator == *other.estimator
             && (wall, actuator, period) == (&other.wall, &other.actuator, &other.period)
     }
 
-    /// The output for `motion`: the force `push` (into the wall) minus the wall's force. Both share the actuator's
-    /// range.
+    /// The output for `motion`: the force `push` (into the wall) minus the wall's force. Push and wall share the
+    /// actuator's range.
     #[inline]
     pub fn render(&self, motion: Motion, push: Force) -> Drive {
         let wall = self.wall.demand(motion.position, motion.velocity);
@@ -255,7 +257,7 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// Parameters with a wall in the way.
+    /// Parameters with a wall that the handle reaches.
     fn control(velocity: VelocitySettings) -> LoopParameters {
         let wall = WallSettings {
             position_m: 1e-3,
@@ -272,7 +274,7 @@ mod tests {
     }
 
     proptest! {
-        /// The readings come in any runs. Any estimator may take over between two runs.
+        /// The readings come in runs of any length. Any estimator may take over between two runs.
         #[test]
         fn readings_taken_together_say_what_they_say_one_by_one(
             runs in runs(), first in 0..EstimatorName::ALL.len(), wide: bool,
@@ -320,8 +322,8 @@ mod tests {
         }
     }
 
-    /// Numbers of 64 bits come from two numbers of 32 bits, both where only the sample has passed 2^32 and where `due`
-    /// has too.
+    /// The number of a sample (64 bits) follows from two numbers of 32 bits. This is tested where only the sample's
+    /// number has passed 2^32, and where `due` has passed it too.
     #[test]
     fn samples_are_numbered_on_beyond_32_bits() {
         let control = control(VelocitySettings::Difference {});

@@ -1,7 +1,7 @@
 //! The checksum of all data that is stored or sent: CRC-32/ISO-HDLC, as in zlib and Ethernet.
 //!
-//! One table of 1 KiB serves all uses. It takes about 8 cycles a byte on a Cortex-M4, and 5 for long data ([`Sum`]). It
-//! detects every error burst of up to 32 bits, so it detects every change of a single byte.
+//! One table of 1 KiB serves all uses. The computation takes about 8 cycles per byte on a Cortex-M4, and 5 cycles for
+//! long data ([`Sum`]). A CRC detects every error burst of up to 32 bits, so it detects every change of a single byte.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
@@ -28,8 +28,8 @@ pub(crate) fn of_pieces<'a>(pieces: impl IntoIterator<Item = &'a [u32]>) -> u32 
     digest.finalize()
 }
 
-/// A CRC that is computed piece by piece, for many words. Use the functions above for few words. This loop is unrolled,
-/// and its call in the code of `render` costs registers there.
+/// A CRC that is computed piece by piece, for many words. Use the functions above for few words. The loop of this type
+/// is unrolled. If `render` calls the loop, fewer registers are left for `render`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sum(u32);
 

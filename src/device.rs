@@ -1,7 +1,8 @@
 //! The device that a board controls: its fixed data, and the plans that are computed from them.
 //!
-//! A [`Device`] has the content of a [device record](record) and the facts of its board. Its numbers are checked here.
-//! Together with the settings that a person may change, they are the input of loop, experiments and supervisor.
+//! A [`Device`] has the content of a [device record](record) and the facts of its board. This module checks the numbers
+//! of the record. These numbers and the settings that a person may change are the input of loop, experiments and
+//! supervisor.
 
 pub mod designs;
 pub mod record;
@@ -35,7 +36,7 @@ pub struct Device<'a> {
     pub key: DeviceKey,
     /// Hash of the scene.
     pub scene_hash: u32,
-    /// Fixed data. A calibration may replace the force at full command, a setting the output period.
+    /// Fixed data. A calibration may replace the force at full command. A setting may replace the output period.
     pub design: Design,
     /// Time from the counter's reading to the force, samples.
     pub latency_samples: f64,
@@ -45,7 +46,7 @@ pub struct Device<'a> {
     pub envelope: Envelope<'a>,
     /// The device's named filters.
     pub designs: Designs<'a>,
-    /// Limits of the supervisor. A hit must start inside their travel.
+    /// Limits of the supervisor. A hit must start inside the travel of these limits.
     pub safety: SafetySettings,
     /// Thermal limits of the motor.
     pub duty: DutySettings,
@@ -56,7 +57,7 @@ pub struct Device<'a> {
     /// The return move to the start of a hit. Its `start_m` is only the default. The stored settings have the value in
     /// use.
     pub back: ReturnSettings,
-    /// A calibration. The command that starts it gives its force.
+    /// Data of a calibration, without the force. The command that starts a calibration gives the force.
     pub calibration: CalibrationSettings,
     /// Directions of motor and encoder on a board without saved settings.
     pub signs: Signs,
@@ -183,8 +184,8 @@ impl Device<'_> {
     /// A hit with these settings and the return move before it. `early`: give the verdict as soon as it is certain.
     ///
     /// # Errors
-    /// Names the value that is out of range. A start at or behind the wall is out of range. So is a wall with no start
-    /// in front of it.
+    /// Names the value that is out of range. A start at or behind the wall is out of range. A wall is also out of range
+    /// if no start is possible in front of it.
     pub fn hit_sequence(
         &self,
         stored: &Stored,
@@ -202,8 +203,8 @@ impl Device<'_> {
         Ok(HitSequencePlan { look, ..plan })
     }
 
-    /// As [`hit_sequence`](Self::hit_sequence), but without a check of the wall. So each setting of an experiment can
-    /// be changed at any wall. `hit_sequence` checks the wall when an experiment begins.
+    /// As [`hit_sequence`](Self::hit_sequence), but without a check of the wall. So the settings of an experiment can
+    /// be changed, whatever the wall is. `hit_sequence` checks the wall when an experiment begins.
     ///
     /// # Errors
     /// Names the value that is out of range.
@@ -234,8 +235,8 @@ impl Device<'_> {
         let same = libm::fabs(together_s - longest_s) < 0.5 / design.rate_hz;
         let value = if same { longest_s } else { together_s };
         within("settle_s and window_s together", value, 0.0..=longest_s)?;
-        // Each time is rounded to samples. Both together are off by up to one sample. The model has spare outputs for
-        // that.
+        // Settle time and window are each rounded to samples. Their sum is wrong by up to one sample. The model has
+        // spare outputs for this error.
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating")]
         let longest = libm::round(longest_s * design.rate_hz) as u32;
         let duty = duty.build(&design, hit.settle.saturating_add(hit.window).min(longest))?;
@@ -244,7 +245,7 @@ impl Device<'_> {
     }
 
     /// Thermal limits for this design. Current heats the motor. The ratio of continuous to full-scale force is a ratio
-    /// of currents, so a calibration does not change it.
+    /// of currents. So a calibration does not change this ratio.
     fn duty_at(&self, design: &Design) -> DutySettings {
         let part = design.full_scale_n / self.design.full_scale_n;
         let continuous_force_n = self.duty.continuous_force_n * part;
@@ -339,8 +340,8 @@ impl Device<'_> {
         let design = self.designs.number_of(velocity);
         Key {
             estimator: velocity.name(),
-            // The table of a key holds for a design, or for the defaults of the further parameters. For other values
-            // nothing is known.
+            // An envelope table is valid for a design, or for the default values of the further parameters. Nothing is
+            // known about other values.
             cutoff_hz: match design > 0 || velocity.differs_by_tuning_only() {
                 false => f64::NAN,
                 true => velocity.tuning().map_or(0.0, |(_, value)| value),

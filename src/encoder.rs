@@ -41,8 +41,8 @@ impl Width for Bits32 {
 
 /// Turns the readings of a wrapping counter into positions whose differences are exact.
 ///
-/// The count at position 0 follows from the last count and the last position. It is also stored, so that it can be
-/// checked: see [`is_whole`](Self::is_whole).
+/// The count at position 0 follows from the last count and the last position. The count at position 0 is also stored,
+/// for a check: see [`is_whole`](Self::is_whole).
 #[derive(Clone, Copy, Debug)]
 pub struct Encoder<W = CounterWidth> {
     width: W,
@@ -54,7 +54,7 @@ pub struct Encoder<W = CounterWidth> {
 }
 
 impl<W: Width> Encoder<W> {
-    /// An encoder whose counter reads `counter` now. This reading as a signed number is its position.
+    /// An encoder whose counter reads `counter` now. Its position is this reading as a signed number.
     pub fn new(counter: u32, width: W) -> Self {
         let position = Position::from_counts(signed(counter, width));
         Self { width, count: position.counts().cast_unsigned(), position, origin: 0 }
@@ -75,8 +75,8 @@ impl<W: Width> Encoder<W> {
         self.position
     }
 
-    /// The start of several readings. Each of them then returns the counts since the reading before. Call
-    /// [`moved`](Self::moved) after them.
+    /// Begins several readings. Each reading then returns the counts since the previous reading. Call
+    /// [`moved`](Self::moved) after the last reading.
     #[inline]
     pub(crate) fn moves(&self) -> Moves<W> {
         Moves { width: self.width, count: self.count }
@@ -101,8 +101,8 @@ impl<W: Width> Encoder<W> {
         self.position
     }
 
-    /// Whether the count at position 0 is unchanged. It is not if a bit of count, position or origin has flipped. Then
-    /// every wall would be at another position.
+    /// Whether the count at position 0 is unchanged. `false` if a bit of count, position or origin has flipped. Every
+    /// wall would then be at another position.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.count.wrapping_add_signed(self.position.counts().wrapping_neg()) == self.origin
@@ -117,7 +117,7 @@ pub(crate) struct Moves<W> {
 }
 
 impl<W: Width> Moves<W> {
-    /// Counts from the last reading to this one. Negative: backwards.
+    /// Counts from the last reading to this reading. Negative: backwards.
     #[inline(always)]
     pub(crate) fn to(&mut self, counter: i32) -> i32 {
         let moved = signed(counter.cast_unsigned().wrapping_sub(self.count), self.width);

@@ -2,9 +2,9 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-/// A factor >= 0: `mantissa * 2^-shift`. It is normalised when it is made: 2^30 <= mantissa < 2^31, or 0. A negative
-/// shift is a left shift. It is needed if one count of penetration is worth many full scales, with a coarse encoder and
-/// a weak motor.
+/// A factor >= 0: `mantissa * 2^-shift`. The mantissa is normalised: 2^30 <= mantissa < 2^31, or 0. A negative shift is
+/// a left shift. A left shift is needed if one count of penetration gives many full scales: with a coarse encoder and a
+/// weak motor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gain {
     mantissa: i32,
@@ -12,7 +12,7 @@ pub struct Gain {
 }
 
 impl Gain {
-    /// Largest magnitude of [`apply`](Self::apply). Two of them add up without overflow.
+    /// Largest magnitude of [`apply`](Self::apply). The sum of two such products does not overflow.
     pub const PRODUCT_LIMIT: i64 = 1 << 61;
     /// A right shift by more than this would lose the mantissa's normalisation.
     const SHIFT_MAX: i32 = 62;
@@ -121,7 +121,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Required: 2^-20. The format gives far more.
+    /// The required relative error is 2^-20. The format is far more precise.
     const RELATIVE_ERROR_MAX: f64 = 1.0 / (1u64 << 31) as f64;
 
     #[test]

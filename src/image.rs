@@ -1,11 +1,11 @@
 //! Compares the program in flash with its checksum, which the build puts into the image.
 //!
-//! A linker makes no checksums. It leaves a word behind the vectors, the seal (`_seal` of memory.x), with all bits set.
-//! After linking, the package `seal` puts the checksum there. It covers vectors, code, constants and the data that is
-//! copied to RAM at boot. The linker's names give the first and last word of each part. The gaps between the parts are
-//! never read. Sectors that are written later are not covered. The settings have checksums of their own and are read
-//! only at `load`. The device record also has its own checksum. Each pass checks it, because the program reads envelope
-//! and designs from it all the time.
+//! A linker computes no checksums. It leaves one word behind the vectors, with all bits set. This word is the seal
+//! (`_seal` of memory.x). After linking, the package `seal` writes the checksum to this word. The checksum covers
+//! vectors, code, constants and the data that is copied to RAM at boot. The linker's symbols give the first and last
+//! word of each part. The gaps between the parts are never read. Sectors that are written later are not covered. The
+//! settings have checksums of their own and are read only at `load`. The device record also has its own checksum. Each
+//! pass checks the record too, because the program reads envelope and designs from the record all the time.
 //!
 //! | when | by | wrong |
 //! |------|----|-------|
@@ -14,7 +14,8 @@
 //! | with each pass of `link` | [`PassWatch`] | the same, if a pass was wrong, or if none has ended for [`LONGEST`] |
 //!
 //! Two independent checks find a wrong image while the force may be on. `idle` adds the checksums of each pass to a
-//! sum. `link` accepts only steps of [`RIGHT`] in this sum. If a flipped bit stops one check, the other one finds it.
+//! sum. `link` accepts only steps of [`RIGHT`] in this sum. If a flipped bit stops one of the two checks, the other
+//! check finds the wrong image.
 
 use core::fmt;
 
@@ -26,15 +27,16 @@ use crate::{
 /// The seal of an image that is not sealed.
 pub const UNSEALED: u32 = u32::MAX;
 
-/// Words that `idle` reads each time that it wakes, at most 0.1 ms after the last time: 256 KiB in a tenth of a second.
-/// A flip just behind the read position is found by the end of the next pass.
+/// Words that `idle` reads each time that it wakes. `idle` wakes at least every 0.1 ms, so it reads 256 KiB in a tenth
+/// of a second. A flip just behind the read position is found by the end of the next pass.
 pub const SLICE: usize = 64;
 
 /// Longest time from the end of one pass to the end of the next, samples: 0.5 s. A pass takes a fifth of this time,
 /// also while a host sends without a pause.
 pub const LONGEST: u32 = 500 * SAMPLES_PER_MS;
 
-/// Sum of the two CRCs of an intact pass: over image and record, each followed by its stored checksum.
+/// Sum of the two CRCs of an intact pass. One CRC covers the image and its stored checksum. The second CRC covers the
+/// record and its stored checksum.
 pub const RIGHT: u32 = RESIDUE.wrapping_mul(2);
 
 /// Parts of an image, without its seal.
@@ -52,7 +54,7 @@ pub struct Image<'a> {
 /// What is wrong with an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BadImage {
-    /// It has no checksum.
+    /// The image has no checksum.
     Unsealed,
     /// The image differs from the sealed image: its checksum is wrong.
     Damaged,
@@ -72,10 +74,10 @@ impl Image<'_> {
         seal
     }
 
-    /// Checks that the image is the sealed one.
+    /// Checks that the image is unchanged since it was sealed.
     ///
     /// # Errors
-    /// The image has no seal, or differs from the sealed one.
+    /// The image has no seal, or differs from the sealed image.
     pub fn check(&self) -> Result<(), BadImage> {
         match self.sealed() {
             UNSEALED => Err(BadImage::Unsealed),
@@ -143,7 +145,7 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// Checks that passes end in time, and that none was wrong, by the sum over all passes.
+/// Checks that passes end in time. Checks with the sum over all passes that no pass was wrong.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PassWatch {
     sum: u32,
@@ -152,7 +154,7 @@ pub struct PassWatch {
 }
 
 impl PassWatch {
-    /// Whether something is wrong: the last pass was wrong, or none has ended for too long. `sample`: the present
+    /// Whether something is wrong: the last pass was wrong, or no pass has ended for too long. `sample`: the present
     /// sample. `sum`: the sum over all passes.
     pub fn is_wrong(&mut self, sample: u32, sum: u32) -> bool {
         if sum == self.sum.wrapping_add(RIGHT) {

@@ -1,5 +1,5 @@
-//! The firmware: the tasks, their times and the data that each of them owns. There is no arithmetic here. The control
-//! core is the library of this package, the hardware is [`board`], the tasks' work is in [`task`].
+//! The firmware: the tasks, their times and the data that each task owns. There is no arithmetic here. The control core
+//! is the library of this package, the hardware is [`board`], the tasks' work is in [`task`].
 //!
 //! | task        | rate                   | priority | does                                           |
 //! |-------------|------------------------|----------|------------------------------------------------|
@@ -9,8 +9,8 @@
 //! | `link`      | after each `render`    | 1        | commands in, replies and telemetry out         |
 //! | `idle`      |                        | 0        | watchdog, image in flash; sleeps               |
 //!
-//! Nothing delays `sample`. It shares no resource, takes no lock, spawns no task and does not log. No lower task masks
-//! it (docs/firmware.md).
+//! Nothing delays `sample`. It shares no resource, takes no lock, spawns no task and does not log. No task of lower
+//! priority masks `sample` (docs/firmware.md).
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![deny(unsafe_code)]
 

@@ -1,8 +1,8 @@
 //! A time-domain passivity controller: a wall that cannot give more energy than a reserve.
 //!
 //! At each output it computes the most energy that the wall's force can give until the next force replaces it. The
-//! account of the contact ([`PortEnergy`]) and the reserve must pay for it. The controller allows at most half of their
-//! sum:
+//! account of the contact ([`PortEnergy`]) and the reserve must cover this energy. The controller allows at most half
+//! of the sum of account and reserve:
 //!
 //! ```text
 //! d      counts since the last output
@@ -14,21 +14,21 @@
 //!
 //! `change_1` and `change_2` are the counts by which motion can differ from the motion before the last output. The
 //! settings give the largest acceleration a. With a period P and a latency l, `change_1` is `a (P l + l^2) / 2`, and
-//! `change_2` is `a P (P + l)`. Each has two counts more for the quantisation.
+//! `change_2` is `a P (P + l)`. Both include two more counts for the quantisation.
 //!
 //! **The guarantee.** While the handle accelerates by at most a, the wall gives in each contact at most the reserve.
-//! Each output at which the account was spent adds at most 2^-21 of the reserve. This holds for anything at the port
-//! and for any error of the estimator. The energy that the old force may give is set aside before the new force is
-//! granted. The new force gives at most half of the rest.
+//! Each output at which the account was spent adds at most 2^-21 of the reserve. This limit is valid for anything at
+//! the port and for any error of the estimator. The energy that the old force may give is set aside before the new
+//! force is granted. The new force gives at most half of the rest.
 //!
-//! If a motion accelerates more, the wall may give its force times the excess. This energy is forgiven. A spent
-//! account still allows a least force, so that it recovers: a handle that is pushed in finds a wall again. The reserve
-//! is `2 change_2` counts at full scale, and with a latency `change_1 + 1` counts more. So the whole force is allowed
-//! at standstill when a contact has taken as much energy as it has given.
+//! If the handle accelerates more, the wall may give more energy: its force times the excess of motion. The account
+//! forgives this energy. A spent account still allows a least force, so that the account recovers: a handle that is
+//! pushed in finds a wall again. The reserve is `2 change_2` counts at full scale, and with a latency `change_1 + 1`
+//! counts more. So the whole force is allowed at standstill when a contact has taken as much energy as it has given.
 //!
-//! The variable damper of Hannaford and Ryu is not used. It divides the deficit by the velocity, which is one count or
-//! none at a period of 1 ms. It pays only if the motion continues as before. At each reversal its bound would be the
-//! same as this one.
+//! The variable damper of Hannaford and Ryu is not used. That damper divides the deficit by the velocity, which is one
+//! count or none at a period of 1 ms. It removes the deficit only if the motion continues as before. At each reversal
+//! the bound of that damper would equal the bound of this controller.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -102,7 +102,7 @@ pub struct Passivity {
 }
 
 impl Passivity {
-    /// As this one, with an output each `period` samples. `period` must be at least the latency.
+    /// This controller with an output each `period` samples. `period` must be at least the latency.
     #[must_use]
     pub fn at(self, period: u32) -> Self {
         let period = NonZeroU32::new(period).unwrap_or(NonZeroU32::MIN);
@@ -137,7 +137,7 @@ pub struct PassiveWall {
     last: Position,
     /// Energy that the contact has given beyond the reserve, LSB of force times counts.
     forgiven: i64,
-    /// Wall force that does not act yet, and the contact of its output. It acts when `wait` reaches 0.
+    /// Wall force that does not act yet, and whether its output was in contact. The force acts when `wait` reaches 0.
     pending: (i64, bool),
     wait: u32,
 }
@@ -179,7 +179,8 @@ impl PassiveWall {
         given
     }
 
-    /// The allowed force of a wall that `wants` a force, LSB, positive out of the wall, at most two full scales.
+    /// The allowed force if the wall demands the force `wants`. Both are in LSB, positive out of the wall, at most two
+    /// full scales.
     #[inline]
     pub fn limit(
         &mut self,
@@ -220,7 +221,7 @@ impl PassiveWall {
         }
     }
 
-    /// From now on the present position of the handle has the number `position`.
+    /// From now on the present place of the handle is called `position`.
     #[inline]
     pub fn rename(&mut self, position: Position) {
         self.last = position;
@@ -247,9 +248,9 @@ impl PassiveWall {
     }
 }
 
-/// Binary places: an account with less than 2^-20 of the reserve is spent, and counts as this part. An output then
-/// gives at most half of it. Without this, a wall with an exactly spent account would give nothing for the rest of the
-/// contact.
+/// Binary places: an account below 2^-20 of the reserve is spent, and is treated as 2^-20 of the reserve. An output
+/// then gives at most half of this energy. Without this rule, a wall with an exactly spent account would give no force
+/// for the rest of the contact.
 pub const SPENT: u32 = 20;
 
 /// Largest motion, counts: products with two full scales stay below 2^62.

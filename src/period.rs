@@ -25,11 +25,12 @@ const SAMPLE: u32 = 16_800;
 pub const GUARD: u32 = 220;
 /// Core cycles of a `render` with no order or a small one. Large orders are not given while the logger writes.
 const RENDER: u32 = 3_600;
-/// Most core cycles for which the logger delays `render`, without the sample in this time.
+/// Most core cycles by which the logger delays `render`. The cycles of a sample during the delay are not included.
 const MASK: u32 = 8_600;
 
-/// Cycles per sample that the longest update of an estimator may take. It is the time between two outputs, less a fifth
-/// for wait states, less a `render` that the logger has delayed.
+/// Cycles per sample that the longest update of an estimator may take. The time between two outputs is reduced by a
+/// fifth for wait states, and by a `render` that the logger has delayed. The rest is divided by the number of samples.
+/// Then [`GUARD`] is subtracted.
 pub const fn cycles_allowed(period: u32) -> u32 {
     let between = period.saturating_mul(SAMPLE / 5 * 4).saturating_sub(MASK + RENDER);
     match between.checked_div(period) {
@@ -38,8 +39,8 @@ pub const fn cycles_allowed(period: u32) -> u32 {
     }
 }
 
-/// Estimators whose longest update takes too long at some of the periods, with its measured cycles
-/// (docs/estimators.md). All others take less.
+/// Estimators whose longest update takes too long at some of the periods, with the measured cycles of this update
+/// (docs/estimators.md). The updates of all other estimators take fewer cycles.
 pub const SLOW: [(&str, u32); 6] = [
     ("least-squares-1", 1726),
     ("least-squares-2", 1726),
@@ -63,7 +64,7 @@ pub struct TooSlow {
 /// Checks that this estimator leaves the time for an output each `period` samples.
 ///
 /// # Errors
-/// Its longest update takes too long.
+/// The longest update of the estimator takes too long.
 pub fn leaves_time(estimator: EstimatorName, period: u32) -> Result<(), TooSlow> {
     match SLOW.iter().find(|(name, _)| *name == estimator.text()) {
         Some(&(_, cycles)) if cycles > cycles_allowed(period) => {

@@ -6,9 +6,9 @@
 //! energy += wall (position - at)        wall: its force out of the wall, from the output on with which it acts
 //! ```
 //!
-//! The force is constant between two changes, so the sum is exact for every motion of the counts. Energy counts from
-//! the beginning of each contact, which is the first output behind the surface. Positive energy was taken from the
-//! hand. Negative energy was given beyond that. No spring and no damper could give it.
+//! The force is constant between two changes, so the sum is exact for every motion of the counts. The account begins
+//! anew with each contact, at the first output behind the surface. Positive: the wall has taken energy from the hand.
+//! Negative: the wall has given more energy than it has taken. No spring and no damper can do that.
 //!
 //! The unit is an LSB of [`Force`](crate::units::Force) times a count: `full scale / 2^30 * resolution` is J.
 //!
@@ -67,8 +67,7 @@ impl PortEnergy {
         self.given = self.given.max(self.energy.saturating_neg());
     }
 
-    /// From now on the present position of the handle has the number `position`. This change is no motion for the
-    /// account.
+    /// From now on the present place of the handle is called `position`. This change is no motion for the account.
     #[inline]
     pub const fn rename(&mut self, position: Position) {
         self.at = position;

@@ -18,7 +18,7 @@ pub mod limits {
     pub const STIFFNESS_N_PER_M: RangeInclusive<f64> = 0.0..=1e7;
     /// Wall damping B, N s/m.
     pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e4;
-    /// Samples before the window of a hit, and samples in it.
+    /// Samples before the window of a hit, and samples in the window.
     pub const PHASE_SAMPLES: RangeInclusive<u32> = 1..=1 << 24;
     /// RMS limit of a hit, in counts.
     pub const RMS_COUNTS: RangeInclusive<f64> = 1e-3..=65_535.0;
@@ -42,8 +42,8 @@ impl fmt::Display for SettingsError {
     }
 }
 
-/// The ends of a range for people. They are shortened, but never outwards, so that the board accepts both when they are
-/// typed.
+/// The ends of a range for people. They are rounded to few digits, but never outwards. So the board accepts both ends
+/// when a person types them.
 pub fn ends(range: &RangeInclusive<f64>) -> [f64; 2] {
     [(*range.start(), 1.0), (*range.end(), -1.0)].map(|(end, inwards)| {
         let short = [0.0, inwards].map(|digits| shortened(end, digits));

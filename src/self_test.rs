@@ -185,8 +185,8 @@ const WATCHDOG_US: core::ops::RangeInclusive<u32> =
 /// Frequency of the watchdog's oscillator that the data sheets allow, Hz.
 const OSCILLATOR_HZ: core::ops::RangeInclusive<u32> = 17_000..=47_000;
 
-/// Largest rate of edges that the processor can surely make, per second. Wait states of the flash may cost half of its
-/// time.
+/// Largest rate of edges that the processor can surely make, per second. Wait states of the flash may take half of the
+/// processor's time.
 const FASTEST_HZ: f64 = 2.5e6;
 
 impl Found {

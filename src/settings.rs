@@ -1,8 +1,8 @@
 //! Settings of a person in SI units, and their conversion to integers.
 //!
-//! There are three forms, with a type each. [`Settings`] has floats, for people. [`LoopParameters`] has integers, and
-//! is immutable. The state is changed by samples. Only [`Settings::build`] refuses settings. Then the old
-//! [`LoopParameters`] stay in force.
+//! There are three types. [`Settings`] has floats, for people. [`LoopParameters`] has integers, and is immutable. Only
+//! the state of the [`Sampler`](crate::Sampler) changes with each sample. Only [`Settings::build`] refuses settings. If
+//! it refuses, the old [`LoopParameters`] stay in force.
 
 use core::num::NonZeroU32;
 

@@ -1,12 +1,13 @@
 //! The telemetry that the board sends: one record per output, and its form in bytes.
 //!
 //! A frame of layout 2 has the outputs of a millisecond and the counts of all its samples. Every 100 ms a frame is a
-//! key frame. From a key frame on a reader can compute every sample. A record of the black box has layout 1, 40 bytes,
-//! at 1 kHz. The least significant byte comes first. `docs/telemetry.md` has the tables.
+//! key frame. A reader that has a key frame can compute every later sample. The black box has one record per
+//! millisecond. Such a record is a frame of layout 1, 40 bytes. The least significant byte comes first.
+//! `docs/telemetry.md` has the tables.
 //!
-//! The sample index is sent with all 64 bits. With 32 bits it would wrap within a day at 50 kHz, and every reader would
-//! have to guess the rest. That would save only 4 bytes. The CRC covers everything before it, with the magic. If
-//! garbage contains the magic by chance, it passes as a frame once in 2^32 times.
+//! The sample index is sent with all 64 bits. An index of 32 bits would save only 4 bytes. It would wrap within a day
+//! at 50 kHz, and every reader would have to guess the upper bits. The CRC covers everything before it, including the
+//! magic bytes. Garbage that contains the magic bytes by chance passes as a frame once in 2^32 times.
 
 mod decoder;
 mod parts;
@@ -180,8 +181,9 @@ impl Frame {
         put(rest, &record.settings.to_le_bytes());
     }
 
-    /// Begins a frame of layout 2. `earlier`: outputs before this one, oldest first, at most [`OUTPUTS`](Self::OUTPUTS)
-    /// less one. `period`: samples between two outputs. All outputs have the settings and the fault of this one.
+    /// Begins a frame of layout 2. `earlier`: outputs before this output, oldest first, at most
+    /// [`OUTPUTS`](Self::OUTPUTS) less one. `period`: samples between two outputs. All outputs have the settings and
+    /// the fault of this output.
     pub fn encode_after<'a>(
         &self,
         earlier: &[Record],

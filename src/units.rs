@@ -11,9 +11,10 @@
 //! | [`Gain`](crate::Gain) | force LSB per input LSB | 31 bits x 2^-shift | relative 2^-31 | 0, 2^-32 .. 2^54 | [`Settings::build`](crate::Settings::build) |
 //! | filter coefficient | 1                  | `Q30`   | 2^-30        | -2 .. 2               | [`Settings::build`](crate::Settings::build) |
 //!
-//! If a format changes, change this table too. The test below compares it with the types.
+//! If a format changes, change this table too. The test below compares the table with the types.
 //!
-//! At 1 um and 10 kHz one count per sample is already 10 mm/s. The 16 fractional bits are for the output of the filter.
+//! At 1 um and 10 kHz one count per sample is already 10 mm/s. The output of the filter needs finer steps: the 16
+//! fractional bits.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -83,7 +84,7 @@ impl Velocity {
     /// The nearest velocity to `counts` counts per sample.
     #[inline]
     pub fn saturating_from_counts(counts: i32) -> Self {
-        // It is nearly always in range, so one comparison is enough instead of two.
+        // The value is nearly always in range. Then one comparison is enough instead of two.
         let inside =
             counts.wrapping_add(Self::LIMIT).cast_unsigned() <= 2 * Self::LIMIT.cast_unsigned();
         if inside {
@@ -177,7 +178,7 @@ impl Force {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Demand {
     bits: i64,
-    /// Whether even this range was too small.
+    /// Whether the requested force was beyond even this range.
     clipped: bool,
 }
 

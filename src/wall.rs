@@ -41,7 +41,7 @@ impl Wall {
         self.damping
     }
 
-    /// Counts of `position` behind the surface. The handle is in contact if this is positive.
+    /// Counts of `position` behind the surface. The handle is in contact if the result is positive.
     #[inline]
     pub fn penetration(&self, position: Position) -> i32 {
         position.saturating_since(self.surface)

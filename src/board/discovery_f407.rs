@@ -15,7 +15,7 @@
 //!
 //! Conflicts: the user button B1 is on PA0, the usual TIM2_CH1. So encoder A is on PA15, which is free because only SWD
 //! is used. The audio codec is on PA4, the DAC's pin, so the force is a PWM. The accelerometer uses PE0, PE1, PE3 and
-//! PA5 to PA7; the firmware leaves these alone. The clock is the board's 8 MHz crystal X2.
+//! PA5 to PA7; the firmware does not use these pins. The clock is the board's 8 MHz crystal X2.
 
 #[path = "f4/mod.rs"]
 mod f4;
@@ -46,14 +46,15 @@ impl DiscoveryF407 {
     const STEPS: u16 = (Self::CORE_HZ / RATE_HZ / pwm::PER_SAMPLE) as u16;
 }
 
-// The output's timer starts ahead by the rest of a PWM period.
+// The count of the output's timer starts at a PWM period less `LEAD_CYCLES`.
 const _: () = assert!(DiscoveryF407::STEPS as u32 > pwm::LEAD_CYCLES, "a PWM period is too short");
 
 impl Wiring for DiscoveryF407 {
     const NAME: &'static str = "discovery-f407";
     const CORE_HZ: u32 = 168_000_000;
-    /// Low below 2.59 to 2.71 V, good again above 2.69 to 2.82 V (data sheet). The board supplies 3.0 V, from a
-    /// regulator of 3.3 V and a diode. The highest levels would call 3.0 V low.
+    /// The detector reports a low supply below 2.59 to 2.71 V, and a good supply above 2.69 to 2.82 V (data sheet). The
+    /// board supplies 3.0 V, from a regulator of 3.3 V and a diode. With the highest levels, 3.0 V would be reported as
+    /// low.
     const SUPPLY_LEVEL: u8 = 0b100;
     const OUTPUT: Output = Output::Pwm { steps: Self::STEPS as u32 };
     /// No edge times: TIM3 would capture on PA6 and PA7, which the accelerometer uses.
@@ -64,8 +65,9 @@ impl Wiring for DiscoveryF407 {
     const BROWN_OUT_RESET: u32 = 1;
     const SWING: Option<[i32; 2]> = None;
     const SENSES: &'static [Sense] = &[Sense::Force];
-    /// From the sample to the PWM period that uses the command. Each period begins with the pulse, so a small force
-    /// acts up to half a period (0.125 samples) sooner. docs/firmware.md has the measurement.
+    /// Time from the sample to the PWM period that uses the command. Each period begins with the pulse, so a small
+    /// force acts up to half a PWM period (0.125 samples) sooner than this number says. docs/firmware.md has the
+    /// measurement.
     const LATENCY_SAMPLES: f64 = pwm::LEAD_CYCLES as f64 / (Self::CORE_HZ / RATE_HZ) as f64;
     type Force = pwm::Output;
     type Encoder = encoder::Encoder;

@@ -1,11 +1,11 @@
 //! The hardware. All unsafe code of the firmware is here, except the hand-over between tasks in `src/sync`.
 //!
-//! [`zwidth::contract`] states what a board provides. A board is one file, which exports `Selected`. It names its pins
-//! as the schematic does. It includes the peripherals of its family (`f4/`) and the code that all families share
+//! [`zwidth::contract`] states what a board provides. A board is one file, which exports `Selected`. The file names the
+//! pins as the schematic does. It includes the peripherals of its family (`f4/`) and the code that all families share
 //! (`common/`). See docs/lab/adding-a-board.md.
 #![allow(unsafe_code)]
 
-// One board each; build.rs refuses two.
+// Each feature selects one board. build.rs refuses two boards.
 #[cfg(feature = "discovery-f407")]
 #[path = "discovery_f407.rs"]
 mod selected;
@@ -70,7 +70,7 @@ pub fn take(
     contract::Board::take(device, core)
 }
 
-/// See [`contract::start`]. For `idle`.
+/// See [`contract::start`]. Called by `idle`.
 pub fn start() {
     forget_floats();
     contract::start::<Encoder, Force, SampleTimer>();

@@ -50,7 +50,8 @@ type EdgeTimes = ();
 impl Wiring for NucleoF446re {
     const NAME: &'static str = "nucleo-f446re";
     const CORE_HZ: u32 = 180_000_000;
-    /// Found low below 2.85 to 2.99 V, good again above 2.96 to 3.10 V (data sheet). The board gives 3.3 V.
+    /// The detector reports a low supply below 2.85 to 2.99 V, and a good supply above 2.96 to 3.10 V (data sheet). The
+    /// board gives 3.3 V.
     const SUPPLY_LEVEL: u8 = 0b110;
     const OUTPUT: Output = Output::Dac { bits: 12 };
     const ENABLE: pin::BoardPin = pin::BoardPin::new('A', 10);

@@ -37,7 +37,8 @@ pub enum Command {
     Cutoff(f64),
     /// The estimator's tuning, in its own unit: see [`EstimatorName::parameters`].
     Tuning(f64),
-    /// A further parameter of the estimator, in its own unit. The first value is its number; 1 is the second parameter.
+    /// A further parameter of the estimator, in its own unit. The first value is the number of the parameter; 1 is the
+    /// second parameter.
     Further(usize, f64),
     /// Velocity estimator by its name.
     Estimator(EstimatorName),
@@ -115,7 +116,7 @@ pub enum GridValue {
 }
 
 impl GridValue {
-    /// The name of its command.
+    /// Name of the command that sets this value.
     pub const fn text(self) -> &'static str {
         match self {
             Self::StiffnessStart => "kstart",
@@ -127,7 +128,7 @@ impl GridValue {
         }
     }
 
-    /// Its unit at the handle: N/m or N s/m.
+    /// Unit of the value at the handle: N/m or N s/m.
     pub const fn unit(self) -> &'static str {
         match self {
             Self::StiffnessStart | Self::StiffnessStep | Self::StiffnessMax => "N/m",
@@ -135,7 +136,7 @@ impl GridValue {
         }
     }
 
-    /// Its field in the settings of a walk.
+    /// Field of this value in the settings of a walk.
     pub const fn of(self, plan: &mut WalkSettings) -> &mut f64 {
         match self {
             Self::StiffnessStart => &mut plan.stiffness_start_n_per_m,
@@ -295,7 +296,8 @@ pub fn usages() -> impl Iterator<Item = &'static str> {
 }
 
 /// Reads one line: a name and at most one word or number, with blanks around them, in upper or lower case. The input
-/// may be any bytes. The form of a number is checked here. Its range is checked where the settings are built.
+/// may be any bytes. The form of a number is checked here. The range of a number is checked where the settings are
+/// built.
 ///
 /// # Errors
 /// Says what is allowed.
@@ -303,7 +305,8 @@ pub fn parse(line: &[u8]) -> Result<Command, ParseError> {
     parse_in(line, Spoken::AT_HANDLE)
 }
 
-/// As [`parse`], for numbers that are typed in the units of `spoken`. The command has them in units at the handle.
+/// As [`parse`], for numbers that are typed in the units of `spoken`. The numbers of the command are in units at the
+/// handle.
 ///
 /// # Errors
 /// Says what is allowed.

@@ -113,7 +113,7 @@ impl<P: Port> Console<P> {
                 stored.full_scale_n = full_scale_n;
                 self.adapt(stored, ("fullscale", full_scale_n, "N"));
             }
-            // In force at once; the zero is lost.
+            // The change is in force at once, and the zero is lost.
             Command::MotorReversed(reversed) => {
                 stored.signs.motor_reversed = reversed;
                 let changed = ChangedSetting::Signs("motor", reversed);
@@ -153,7 +153,7 @@ impl<P: Port> Console<P> {
     }
 
     /// Loads the settings from flash. Signs, full scale, design and period are changed only with the force off.
-    #[inline(never)] // two records and what reads them do not belong on the stack of every command
+    #[inline(never)] // the two records and their readers would need stack in every command
     fn load(&mut self, situation: &Situation) {
         let Loaded { stored, source, .. } = self.port.load(self.device.defaults());
         if source == Source::Unusable {
@@ -207,7 +207,7 @@ impl<P: Port> Console<P> {
     }
 
     fn keep_as(&mut self, stored: Stored, reply: Reply<'_>) {
-        // Otherwise a flipped bit would get into both copies.
+        // Without this check a flipped bit would get into both copies.
         if !self.is_whole() {
             return self.lose();
         }
@@ -232,7 +232,7 @@ impl<P: Port> Console<P> {
         self.propose(stored, ChangedSetting::Value(name, value, unit));
     }
 
-    /// Builds settings and proposes them. They are kept when the task `render` has accepted them.
+    /// Builds settings and proposes them. The settings are kept when the task `render` has accepted them.
     pub(super) fn propose(&mut self, stored: Stored, changed: ChangedSetting) {
         let device = self.device;
         if let Some(unfit) = device.unfit(&stored) {
@@ -253,7 +253,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Second step of a new output period. Its plan is in force, so now its parameters are ordered.
+    /// Second step of a new output period. The plan of the period is in force, so now the parameters are ordered.
     #[inline(never)] // it is not needed below `answer`
     pub(super) fn propose_next(&mut self, stored: Stored, changed: ChangedSetting) {
         if let Ok(order) = self.device.order(&stored) {

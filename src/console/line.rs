@@ -12,12 +12,12 @@ pub struct LineReader<const N: usize> {
     done: bool,
 }
 
-/// A complete line, or one that did not fit.
+/// A complete line, or a line that did not fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line<'a> {
-    /// Its bytes, not blank, without the line end.
+    /// Bytes of the line, not blank, without the line end.
     Text(&'a [u8]),
-    /// It did not fit.
+    /// The line did not fit.
     TooLong,
 }
 
@@ -33,7 +33,7 @@ impl<const N: usize> LineReader<N> {
         Self { bytes: [0; N], len: 0, too_long: false, done: false }
     }
 
-    /// Takes one byte. Returns the line that it ends, if it ends one.
+    /// Takes one byte. Returns the line that this byte ends, if it ends a line.
     pub fn push(&mut self, byte: u8) -> Option<Line<'_>> {
         if self.done {
             *self = Self::new();
@@ -97,7 +97,7 @@ impl<const N: usize> Text<N> {
 }
 
 impl<const N: usize> fmt::Write for Text<N> {
-    /// Text beyond ASCII becomes `?`, so that it can be cut anywhere.
+    /// Text beyond ASCII becomes `?`, so that the text can be cut anywhere.
     fn write_str(&mut self, text: &str) -> fmt::Result {
         for character in text.chars() {
             let byte = u8::try_from(character).ok().filter(u8::is_ascii).unwrap_or(b'?');

@@ -1,4 +1,4 @@
-//! The text commands of the board: one command a line, one reply a line.
+//! The text commands of the board: one command per line, one reply per line.
 //!
 //! ```text
 //! bytes -> LineReader -> parse -> Command -> allowed -> dispatch -> Order -> (the output task acts) -> Report
@@ -7,8 +7,8 @@
 //!
 //! [`Console`] contains all of this. [`Port`] is its interface to the board.
 //!
-//! It runs at low priority, whenever bytes have come. The bytes may be any: garbage is refused with a reply, and never
-//! stops the board.
+//! The console runs at low priority, whenever bytes have come. Any bytes may come: garbage is refused with a reply, and
+//! never stops the board.
 
 mod command;
 mod dispatch;

@@ -12,7 +12,8 @@ const POWERS: [f64; 23] = [
 ];
 
 /// Reads `2000`, `-0.07`, `1.5e3`: up to 15 significant digits. The number is an integer times a power of ten, with an
-/// exponent within +-22. `f64` holds both exactly, and one operation rounds once. So the result is the nearest `f64`.
+/// exponent within +-22. `f64` represents the integer and the power exactly, and one operation rounds once. So the
+/// result is the nearest `f64`.
 pub(super) fn parse(text: &[u8]) -> Option<f64> {
     let (negative, text) = match text {
         [b'-', rest @ ..] => (true, rest),
@@ -60,7 +61,7 @@ fn decimal(digits: u64, exponent: i32) -> Option<f64> {
     Some(if exponent < 0 { value / power } else { value * power })
 }
 
-/// `value` rounded to 15 digits, as the simulator rounds a scene's values. Beyond [`POWERS`] unchanged.
+/// `value` rounded to 15 digits, as the simulator rounds a scene's values. Beyond [`POWERS`] the value is unchanged.
 pub(super) fn rounded(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
@@ -100,8 +101,8 @@ impl fmt::Display for Decimal {
     }
 }
 
-/// An end of an allowed range, for a reply. It is rounded inwards to 12 digits, so that the board accepts it when it is
-/// typed.
+/// An end of an allowed range, for a reply. It is rounded inwards to 12 digits, so that the board accepts this end when
+/// a person types it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
     /// The lowest value that is allowed.
@@ -146,7 +147,7 @@ fn write_decimal(f: &mut fmt::Formatter<'_>, value: f64, inwards: i8) -> fmt::Re
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1e11 to 1e12")]
     let mut digits = libm::round(scaled) as u64;
-    // of the magnitude: it rises where a negative number falls
+    // the direction of the magnitude, which rises where a negative number falls
     let up = (inwards > 0) == (value > 0.0);
     if inwards != 0 {
         match decimal(digits, exponent) {

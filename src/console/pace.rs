@@ -1,6 +1,7 @@
 //! The share of the time that the host may use. Further bytes wait in the channel; none is refused.
 
-/// Lines and answers use at most 4 / `PARTS` of the time. Telemetry at output period 1 uses half as much again.
+/// Lines and answers use at most 4 / `PARTS` of the time. Telemetry at output period 1 needs half of this time in
+/// addition.
 const PARTS: u16 = 21;
 /// Longest wait of a line for the lines before it, ticks. So the board still listens if `rest` is damaged.
 const LONGEST: u16 = 1200;
@@ -18,8 +19,8 @@ impl Pace {
     pub fn begin(&mut self, clock: u16) -> bool {
         let passed = clock.wrapping_sub(self.begun);
         self.begun = clock;
-        // At least one tick, so that the board still listens when the clock stands still. Then a fault has already
-        // switched the force off.
+        // At least one tick, so that the board still listens when the clock stands still. If the clock stands still, a
+        // fault has already switched the force off.
         self.rest = self.rest.min(LONGEST).saturating_sub(passed.max(1));
         self.rest == 0
     }
@@ -35,7 +36,7 @@ impl Pace {
 mod tests {
     use super::*;
 
-    /// Ticks from one line to the next. A pass comes each `each` ticks; a line takes `line` ticks.
+    /// Ticks from one line to the next. From one pass to the next there are `each` ticks. A line takes `line` ticks.
     fn between(each: u16, line: u16) -> u16 {
         let (mut pace, mut clock) = (Pace::default(), u16::MAX - 100);
         let mut at = [0; 2];

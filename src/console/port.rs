@@ -27,8 +27,8 @@ pub trait Port {
     /// `newest` must be complete. `None` if the positions are no longer stored.
     fn samples(&mut self, newest: u64, places: &mut [Position]) -> Option<GuardedSampler>;
 
-    /// Passes an order to the task `render`. Returns whether there was room. There always is, because only one order is
-    /// under way.
+    /// Passes an order to the task `render`. Returns whether there was room. There is always room, because only one
+    /// order is under way.
     fn order(&mut self, order: Order) -> bool;
 
     /// Whether the loop runs with these parameters, which the last answered order asked for.
@@ -40,6 +40,6 @@ pub trait Port {
     /// Tests a part of the board, with the force off.
     fn test(&mut self, part: Part) -> Found;
 
-    /// Writes settings to flash, which stalls the processor. Returns whether flash holds them now.
+    /// Writes settings to flash, which stalls the processor. Returns whether flash has these settings now.
     fn save(&mut self, stored: &Stored) -> bool;
 }

@@ -39,7 +39,7 @@ impl fmt::Display for Unusable {
     }
 }
 
-/// The console of such a board.
+/// The console of a board on which no task runs.
 pub struct Refused<'a> {
     board: &'a str,
     commit: &'a str,
@@ -47,7 +47,7 @@ pub struct Refused<'a> {
     reader: LineReader<LINE_MAX>,
 }
 
-/// A reply of such a board.
+/// A reply of a board on which no task runs.
 pub struct RefusedLine<'a> {
     board: &'a str,
     commit: &'a str,

@@ -39,7 +39,7 @@ pub enum Reply<'a> {
     Settings(&'a Stored, &'a Designs<'a>),
     /// The designs of a device.
     Designs(&'a Designs<'a>),
-    /// There is no such design. The device has these.
+    /// There is no such design. The reply lists the designs of the device.
     UnknownDesign(&'a Designs<'a>),
     /// Settings were loaded, from this source.
     Loaded(Source),
@@ -55,7 +55,7 @@ pub enum Reply<'a> {
     Unfit(Unfit),
     /// This wall is outside the device's envelope for this key.
     Outside(Outside, &'a Device<'a>, Key),
-    /// The hardware failed at this.
+    /// The hardware failed during this action.
     Failed(&'a str),
 }
 
@@ -164,7 +164,7 @@ fn names(f: &mut fmt::Formatter<'_>, designs: &Designs<'_>) -> fmt::Result {
     designs.iter().try_for_each(|(_, NamedFilter { name, .. })| write!(f, " {}", name.text()))
 }
 
-/// Estimators with their cutoffs, and designs, of the tables beside a key in the envelope.
+/// Estimators with their cutoffs, and designs, that have a table in the envelope at the output period of `key`.
 fn known(f: &mut fmt::Formatter<'_>, device: &Device<'_>, key: &Key) -> fmt::Result {
     let mut last = None;
     for key in device.envelope.beside(key) {

@@ -1,7 +1,7 @@
 //! The channel of the console's lines for people.
 //!
-//! If nobody reads, the last line waits until somebody does. Until then only `stop` and `disarm` are obeyed. So nothing
-//! changes without an acknowledgement.
+//! If nobody reads, the last line waits until somebody reads. Until then only `stop` and `disarm` are obeyed. So
+//! nothing changes without an acknowledgement.
 
 use core::fmt::{self, Write as _};
 
@@ -28,7 +28,7 @@ impl ReplyChannel {
         Self { line: Text::new(), kept: false, lost: 0, ignored: 0, passes: 0 }
     }
 
-    /// Sends a line. The line is lost while another one waits.
+    /// Sends a line. The line is lost if an older line still waits.
     pub fn say(&mut self, port: &mut impl Port, line: &dyn fmt::Display) {
         if self.is_mute(port) {
             self.lost = self.lost.saturating_add(1);

@@ -26,7 +26,7 @@ enum Need {
     Armed,
     /// Neither sign test nor ramp is running.
     NotArming,
-    /// The handle is out of the wall, or the force is off. With the force off a wall does nothing.
+    /// The handle is out of the wall, or the force is off. With the force off a wall has no effect.
     NoContact,
     /// No experiment is running.
     Idle,
@@ -71,7 +71,7 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::Criterion(_)
         | Command::ForceRmsLimit(_) => &[N::Idle],
         // With a wrong sign every wall pulls. Another full scale changes every force. After another period, counts of
-        // outputs start again. Another design makes another device for the hand.
+        // outputs start again. With another design the hand feels another device.
         Command::MotorReversed(_)
         | Command::EncoderReversed(_)
         | Command::FullScale(_)
@@ -83,8 +83,8 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::Further(..)
         | Command::Estimator(_)
         | Command::Load => &[N::NotArming, N::NoWalk, N::NoContact],
-        // Flash is programmed 32 bits at a time, for which the chip needs 2.7 V. A detector may accept a little less.
-        // Then a record may be lost, which its CRC shows.
+        // Flash is programmed 32 bits at a time, for which the chip needs 2.7 V. The supply detector may accept a
+        // slightly lower voltage. A record may then be lost. Its CRC shows the loss.
         Command::Save | Command::SelfTest => &[N::Off, N::Supply],
         Command::Hit | Command::Pulses(_) => &[N::NoFault, N::Armed, N::Idle],
         Command::Calibrate(_) => &[N::NoFault, N::Armed, N::IdleOrCalibration, N::NoContact],

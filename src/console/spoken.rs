@@ -24,7 +24,7 @@ struct Kind {
     power: i8,
 }
 
-/// Order: if one suffix is the end of another, the longer one stands first.
+/// Order: if a suffix is the end of a longer suffix, the longer suffix comes first.
 const KINDS: [Kind; 5] = [
     Kind {
         typed: ["N_S_PER_M", "N_M_S_PER_RAD"],
@@ -89,7 +89,7 @@ impl Spoken {
         KINDS.iter().find(|kind| self.is_rotary() && is(kind))
     }
 
-    /// Converts a typed number to the handle. The last word of `usage` is its quantity.
+    /// Converts a typed number to the handle. The last word of `usage` names the quantity.
     pub(super) fn at_handle(self, usage: &'static str, typed: f64) -> f64 {
         let kind = self.kind(|kind| kind.name(usage).is_some());
         kind.map_or(typed, |kind| number::rounded(typed / self.factor(kind)))

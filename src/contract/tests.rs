@@ -192,7 +192,8 @@ impl DebugHalts for Events {
     }
 }
 
-/// An event happens before, between or after any of the reads. The output that first sees it must name it right.
+/// An event happens before, between or after any of the reads. The first output that sees the event must report the
+/// right cause.
 #[test]
 fn whatever_happens_between_two_reads_is_named_after_its_cause() {
     use crate::safety::{FaultSet, Inputs};

@@ -1,9 +1,9 @@
-//! The designs of a device: named velocity filters. Each has its own rows in the envelope.
+//! The designs of a device: named velocity filters. Each design has its own rows in the envelope.
 //!
 //! Each design has these words in the device record: name (text, then zeros, 16 bytes), number of the estimator, eight
-//! parameters. A parameter is an IEEE 754 double, low word first. Designs are numbered from 1, in their order. A
-//! design is skipped if this build lacks its estimator. Settings are a design if estimator and every parameter are
-//! equal, to the last bit. So saved settings need no further field for their design.
+//! parameters. A parameter is an IEEE 754 double, low word first. Designs are numbered from 1, in their order. A design
+//! is skipped if this build lacks its estimator. Settings use a design if their estimator and every parameter are equal
+//! to those of the design, to the last bit. So saved settings need no further field for the design.
 
 use crate::{
     VelocitySettings,
@@ -101,7 +101,7 @@ impl<'a> Designs<'a> {
         (1..).zip(self.words).filter_map(|(number, words)| Some((number, read(words)?)))
     }
 
-    /// Number of the design that equals these settings; 0: no design does.
+    /// Number of the design that equals these settings; 0: no design equals them.
     pub fn number_of(&self, velocity: &VelocitySettings) -> u8 {
         self.iter().find(|(_, design)| design.velocity == *velocity).map_or(0, |(number, _)| number)
     }

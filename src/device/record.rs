@@ -1,5 +1,5 @@
-//! The device record, which makes an image the firmware of one device. `cargo sim prepare` writes it. The board stores
-//! it in its own flash sector.
+//! The device record, which makes an image the firmware of one device. `cargo sim prepare` writes the record. The board
+//! stores it in a separate flash sector.
 //!
 //! The record consists of 32-bit words, least significant byte first. A number is an IEEE 754 double, low word first.
 //!
@@ -84,7 +84,7 @@ pub struct BoardFacts {
     pub name: &'static str,
     /// Samples per second, Hz.
     pub rate_hz: f64,
-    /// Kind of its force output.
+    /// Kind of the board's force output.
     pub output: Output,
     /// Senses that an estimator can use beside the count.
     pub senses: &'static [Sense],
@@ -106,9 +106,9 @@ pub enum BadRecord {
     Foreign,
     /// Another version of the layout.
     Layout(u8),
-    /// The record is cut short, or longer than the sector: words.
+    /// The record is cut short, or longer than the sector. The value is the stated length, words.
     Length(u32),
-    /// Its checksum is wrong.
+    /// The record's checksum is wrong.
     Damaged,
     /// The record is for this other board.
     Board(Name),
@@ -166,13 +166,13 @@ fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
     Ok((fixed, rest, *check))
 }
 
-/// The record at the front of these words, without the words behind it. All words, if its length is not possible. The
-/// last word of a record is the checksum of all words before it.
+/// The record at the front of these words, without the words behind it. All words, if the length of the record is not
+/// possible. The last word of a record is the checksum of all words before it.
 pub fn record_in(words: &[u32]) -> &[u32] {
     stated(words).unwrap_or(words)
 }
 
-/// The first words, as many as the second word says.
+/// The first words, as many as the second word states.
 fn stated(words: &[u32]) -> Option<&[u32]> {
     words.get(..usize::try_from(*words.get(1)?).ok()?)
 }

@@ -126,7 +126,7 @@ fn a_hit_starts_inside_the_travel_and_before_the_wall() {
     assert!(with(0.1099, 0.2).is_ok());
 }
 
-/// The settings of experiments can be set one by one, at any wall. The ends of a printed range are accepted.
+/// The settings of experiments can be set one by one, whatever the wall is. The ends of a printed range are accepted.
 #[test]
 fn settings_of_experiments_do_not_wait_for_a_wall_and_their_printed_ends_are_accepted() {
     for position_m in [-1.0, -0.04, 0.0, 0.07, 1.0] {
@@ -230,7 +230,7 @@ fn a_board_starts_with_the_period_that_was_saved_if_there_is_one_and_time_for_it
         assert_eq!(Ok(start.safety), safety);
         assert_eq!(DEVICE.hit_sequence(&start.stored, true).unwrap().look, 320 / in_force);
     }
-    // with an estimator that leaves no time for it
+    // with an estimator that leaves no time for this period
     let slow = EstimatorName::ALL.iter().find(|name| leaves_time(**name, 1).is_err());
     if let Some(&name) = slow {
         let mut saved = Stored { period: 1, ..DEVICE.defaults() };
@@ -275,7 +275,7 @@ fn the_envelope_is_asked_for_what_is_in_force() {
     stored.settings.velocity = VelocitySettings::Butterworth { cutoff_hz: 1400.0 };
     assert_eq!(DEVICE.inside(&stored), Err(Outside::UnknownKey));
     stored.settings.wall.stiffness_n_per_m = 0.0;
-    assert_eq!(DEVICE.inside(&stored), Ok(())); // no wall is no question
+    assert_eq!(DEVICE.inside(&stored), Ok(())); // without a wall nothing is refused
     stored.settings.wall.stiffness_n_per_m = 1000.0;
     stored.settings.velocity = DEVICE.settings.velocity;
     let fast = Stored { period: 1, ..stored };

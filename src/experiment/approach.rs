@@ -65,7 +65,7 @@ impl Approach {
         match moved {
             ReturnStep::Push(force) => Ok(Some(force)),
             ReturnStep::TooLong => Err(AbortReason::NotBack),
-            // The approach has warmed the motor. The hit or pulse needs a cool one.
+            // The approach has warmed the motor. The hit or pulse needs a cool motor.
             ReturnStep::Arrived if !duty.is_ready(stands) => {
                 self.moves = false;
                 Ok(Some(Force::ZERO))

@@ -1,8 +1,8 @@
 //! Force calibration: a constant force outside the wall. It rises slowly and is then held, so that a weight or a force
 //! gauge can measure it. The calibration ends by itself when the handle moves.
 //!
-//! docs/tuning.md has two ways to use it. A gauge holds the handle, and shows the held force. Or a weight rests on the
-//! handle, and the force that lifts it is reported.
+//! docs/tuning.md has two ways to use it. In the first way a gauge holds the handle and shows the force. In the second
+//! way a weight rests on the handle. The board reports the force that lifts the weight.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -22,7 +22,8 @@ pub struct CalibrationSettings {
     pub rise_percent_per_s: f64,
     /// Time to hold the force, s.
     pub hold_s: f64,
-    /// Travel from the first position at which the handle counts as moved, m.
+    /// Distance after which the handle counts as moved, m. The distance is measured from the position of the first
+    /// output.
     pub travel_m: f64,
 }
 
@@ -133,8 +134,8 @@ impl Calibration {
         self.plan.is_whole()
     }
 
-    /// Continues from the present force to another one. The total time is not restarted, because a push without motion
-    /// is not looked for during a calibration.
+    /// Continues from the present force to another force. The total time is not restarted, because the check for a push
+    /// without motion is off during a calibration.
     pub fn retarget(&mut self, plan: CalibrationPlan) {
         self.plan.set(plan);
         self.held = 0;
@@ -273,9 +274,9 @@ mod tests {
         assert!(next < last && last - next <= (1 << 30) / 50_000 + 1);
     }
 
-    /// The force, in percent, at which a weight on a handle with dry friction has moved by 1 mm. Either 15 % lift the
-    /// weight off a block. Or the force falls from 15 % to 5 %: meanwhile a block above holds the handle, and the block
-    /// below is taken away.
+    /// The force, in percent, at which a weight on a handle with dry friction has moved by 1 mm. There are two ways. In
+    /// the first way 15 % lift the weight off a block. In the second way the force falls from 15 % to 5 %. Meanwhile a
+    /// block above holds the handle, and the block below is taken away.
     fn weighed(weight_percent: f64, friction_n: f64, lifted: bool) -> f64 {
         let plan = |percent| CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap();
         let weight_n = weight_percent / 100.0 * DESIGN.full_scale_n;

@@ -7,11 +7,11 @@
 //! heat' = (u^2 - heat) / tau          u = force / full scale
 //! ```
 //!
-//! `heat` is the mean of u^2, weighted by exp(-age / tau). With each output of length T it moves by `1 - exp(-T / tau)`
-//! of its distance from u^2. While u is constant this step is exact, for every accepted T and tau. Heat and u^2 lie
-//! within 0..=1 at 60 fractional bits, so the format itself excludes an overflow. [`Duty::is_ready`] lets a hit begin
-//! only if `heat` stays within its limit even at full force for the whole hit. So no sequence of hits exceeds the
-//! limit, and no hit is broken off. Hits wait instead.
+//! `heat` is the mean of u^2, weighted by exp(-age / tau). With each output of length T, `heat` moves by
+//! `1 - exp(-T / tau)` of its distance from u^2. While u is constant this step is exact, for every accepted T and tau.
+//! Heat and u^2 lie within 0..=1 at 60 fractional bits, so the format itself excludes an overflow. [`Duty::is_ready`]
+//! lets a hit begin only if `heat` stays within its limit even at full force for the whole hit. So no sequence of hits
+//! exceeds the limit, and no hit is broken off. Hits wait instead.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -29,7 +29,7 @@ const DIFFERENCE: u32 = 30;
 /// Thermal limits of the motor, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DutySettings {
-    /// Force that the motor can give for ever, N. The limit is the square of its ratio to full scale.
+    /// Force that the motor can give for ever, N. The limit of the heat is (continuous force / full scale)^2.
     pub continuous_force_n: f64,
     /// Thermal time constant of the winding, s: 1 to 3600.
     pub time_constant_s: f64,
@@ -113,7 +113,7 @@ impl DutySettings {
 /// Reserve of heat for rounding, and for a return move that warms a cold motor before the hit.
 const RESERVE: f64 = 1e-3;
 
-/// Outputs in addition to the hit's own, while its force rises and falls: 50 ms, at least 50 outputs.
+/// Outputs that the model adds to a hit, because the hit's force rises and falls: 50 ms, at least 50 outputs.
 fn spare_outputs(design: &Design) -> f64 {
     f64::from(50 * design.samples_per_ms().div_ceil(design.period.max(1)))
 }
@@ -316,7 +316,7 @@ mod tests {
             assert!(!duty.is_too_warm(&plan));
             warmest = warmest.max(duty.heat);
         }
-        // not too careful either
+        // the limit is nearly reached
         assert!(warmest as f64 > 0.995 * plan.limit as f64);
     }
 }

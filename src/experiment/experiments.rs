@@ -1,5 +1,5 @@
 //! The running experiment, and the push that it proposes for the next output. A push is the force of an experiment,
-//! without the wall's force. [`safety`](crate::safety) decides how much of it acts.
+//! without the wall's force. [`safety`](crate::safety) decides how much of the push acts.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -27,7 +27,7 @@ pub(crate) enum Experiment {
 #[derive(Clone)]
 pub struct Experiments {
     experiment: Experiment,
-    /// Kind of the running experiment, stored again so that a flipped bit begins none.
+    /// Kind of the running experiment, stored twice, so that a flipped bit begins no experiment.
     activity: Activity,
     /// Push of the next output.
     push: Force,
@@ -39,7 +39,7 @@ pub struct Experiments {
     news: Event,
     /// Codes of the outputs in the window of the last hit.
     codes: RunningVariance,
-    /// The hit is over. Its codes follow in a separate event, so that a report stays short.
+    /// The hit is over. The codes of its outputs follow in a separate event, so that a report stays short.
     tells_codes: bool,
     /// Event with the codes, sent after the end of the hit was reported.
     codes_news: Event,
@@ -113,7 +113,7 @@ impl Experiments {
     ///
     /// # Errors
     /// An experiment is running.
-    #[inline(always)] // called, it would copy the plan once more; and so the others
+    #[inline(always)] // a call would copy the plan once more; so would the calls below
     pub fn hit(&mut self, plan: HitSequencePlan) -> Result<(), Refusal> {
         self.free()?;
         self.set(Activity::Hit, Experiment::Hit(HitSequence::new(plan)));
@@ -153,7 +153,7 @@ impl Experiments {
         if matches!(self.experiment, Experiment::None) { Ok(()) } else { Err(Refusal::Busy) }
     }
 
-    /// Ends the experiment without an event. Its push fades.
+    /// Ends the experiment without an event. The push of the experiment fades.
     #[inline(always)]
     pub fn stop(&mut self) {
         // `set` is not used, because it would copy as much as the largest experiment.
@@ -172,9 +172,9 @@ impl Experiments {
         self.news = news;
     }
 
-    /// Call it after an output: with the granted force, the output's position, and `positions` of the samples since the
-    /// last output. It decides the next push. Here this costs no latency: a return move tolerates a millisecond, and a
-    /// hit begins with the output of its push.
+    /// Call this function after an output, with the granted force, the output's position, and `positions` of the
+    /// samples since the last output. The function computes the next push. This push does not come too late: a return
+    /// move tolerates a millisecond, and a hit begins with the output of its push.
     #[inline(always)]
     pub fn follow(
         &mut self,
@@ -186,7 +186,7 @@ impl Experiments {
         self.pushed = self.push;
         self.duty.add(&self.duty_plan, grant.force().unwrap_or_default());
         if core::mem::take(&mut self.tells_codes) {
-            cold_path(); // not with the output that ends the hit, which has enough to do
+            cold_path(); // not with the output that ends the hit: it has enough other work
             self.codes_news = Event::HitCodes(self.codes);
         }
         self.observe(wall, grant, positions);
@@ -241,7 +241,7 @@ impl Experiments {
     /// Computes the push of the next output.
     fn prepare(&mut self, position: Position, contact: bool) {
         let (push, over) = match &mut self.experiment {
-            Experiment::None => (Force::ZERO, None), // whatever a bit has become
+            Experiment::None => (Force::ZERO, None), // also after a flipped bit
             Experiment::Hit(hit) => match hit.output(position, contact, &self.duty) {
                 Ok(push) => (push, None),
                 Err(reason) => (Force::ZERO, Some(Event::HitAborted(reason))),
@@ -297,8 +297,8 @@ mod tests {
 
     const ON: OutputCommand = OutputCommand::On(GrantedForce::ZERO);
 
-    /// A handle on the surface is not in contact. This holds for a hit's first sample, for its other samples, and for a
-    /// calibration.
+    /// A handle on the surface is not in contact. Three cases: the first sample of a hit, a later sample of a hit, and
+    /// a calibration.
     #[test]
     fn contact_begins_one_count_behind_the_surface() {
         let stored = DEVICE.defaults();

@@ -61,9 +61,9 @@ pub struct HitPlan {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)] // as wide as a word, so that the counts beside it in an `Event` are copied by words
 pub enum Verdict {
-    /// In contact, and the RMS stayed below the limit.
+    /// The window had contact, and the RMS stayed below the limit.
     Stable,
-    /// In contact, and the RMS reached the limit.
+    /// The window had contact, and the RMS reached the limit.
     Unstable,
     /// No sample of the window was in contact. The hit gives no result about the wall.
     NoContact,
@@ -91,7 +91,7 @@ impl Verdict {
     }
 }
 
-/// A hit in progress. Give it every sample. It returns a verdict once, at the last sample of its window.
+/// A hit in progress. Give every sample to the hit. The hit returns a verdict once, at the last sample of the window.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
     plan: HitPlan,

@@ -20,8 +20,8 @@ pub struct HitSequencePlan {
     pub back: ReturnPlan,
     /// Thermal limits of the motor.
     pub duty: DutyPlan,
-    /// Outputs between two checks for a certain verdict, which is then given at once. [`NEVER`](Self::NEVER): no such
-    /// checks.
+    /// Outputs from one check to the next. A check finds out whether the verdict is already certain. A certain verdict
+    /// is given at once. [`NEVER`](Self::NEVER): no such checks.
     pub look: u32,
 }
 
@@ -46,7 +46,7 @@ pub struct HitSequence {
     stands: DutyPlan,
     look: u32,
     phase: Phase,
-    /// Whether the phase is the hit, stored again so that a flipped bit begins none.
+    /// Whether the phase is the hit, stored twice, so that a flipped bit begins no hit.
     hits: bool,
     /// Outputs since the last check for an early verdict.
     looked: u32,
@@ -109,7 +109,8 @@ impl HitSequence {
         Ok(self.hit.push)
     }
 
-    /// Whether the hit began with the last output. Of the samples up to it, only the last one belongs to the hit.
+    /// Whether the hit began with the last output. Of the samples up to that output, only the last sample belongs to
+    /// the hit.
     pub fn is_fresh(&self) -> bool {
         self.fresh
     }

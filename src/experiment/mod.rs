@@ -1,6 +1,6 @@
-//! The paper's experiments as state machines. Each takes one sample, one output or one verdict at a time. [`Hit`] and
-//! [`Walk`] are the same code on the board and in the simulator. A real handle also needs [`HitSequence`]: it has the
-//! return move, and protects the motor from overheating.
+//! The paper's experiments as state machines. Each state machine takes one sample, one output or one verdict at a time.
+//! [`Hit`] and [`Walk`] are the same code on the board and in the simulator. A real handle also needs [`HitSequence`]:
+//! it has the return move, and protects the motor from overheating.
 
 mod approach;
 mod calibration;

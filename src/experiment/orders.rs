@@ -50,7 +50,7 @@ impl Activity {
 pub struct PeriodPlan {
     /// Thermal limits of the motor.
     pub duty: DutyPlan,
-    /// One output in this many goes into the black box.
+    /// The black box records one of `keep` outputs.
     pub keep: u32,
 }
 
@@ -63,7 +63,8 @@ pub struct PeriodPlan {
 pub enum Order {
     /// A request to the supervisor.
     Request(Request),
-    /// New settings, and whether their gains are inside the envelope. Gains outside need it unlocked.
+    /// New settings, and whether their gains are inside the envelope. Gains outside the envelope are allowed only if
+    /// the envelope is unlocked.
     LoopParameters(LoopParameters, Gains),
     /// Values for the output period of the next parameters. Allowed only with the force off.
     Period(PeriodPlan),
@@ -101,7 +102,7 @@ pub enum Event {
     Answer(Result<(), Refusal>),
     /// A hit is over: its verdict, and the counts of its window.
     HitOver(Verdict, RunningVariance),
-    /// The codes of the outputs in that window. Comes after [`HitOver`](Event::HitOver).
+    /// The codes of the outputs in the window of the hit. Comes after [`HitOver`](Event::HitOver).
     HitCodes(RunningVariance),
     /// A hit ended without a verdict.
     HitAborted(AbortReason),
@@ -118,7 +119,7 @@ pub enum Event {
 pub struct Report {
     /// Record of this output.
     pub record: Record,
-    /// Record for telemetry: the same one, or a record of the black box while the black box is sent.
+    /// Record for telemetry: the same record, or a record of the black box while the black box is sent.
     pub streamed: Record,
     /// Push of the experiment at this output.
     pub push: Force,

@@ -1,4 +1,5 @@
-//! A host promises to send `alive` within a time. If the host fails with the force on, its silence is found.
+//! A host promises to send `alive` within a time. If the host fails while the force is on, the board notices the
+//! silence.
 
 use crate::{
     period::SAMPLES_PER_MS,
@@ -49,21 +50,21 @@ impl Default for Host {
 }
 
 impl Host {
-    /// Whether the promise is unchanged. A flipped bit in one of the times is found as silence, or is gone with the
-    /// next `alive`.
+    /// Whether the promise is unchanged. A flipped bit in one of the times is found as silence, or is overwritten with
+    /// the next `alive`.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.promise.is_whole()
     }
 
-    /// Takes an `alive`, with the promise of the next one.
+    /// Takes an `alive`, with the promise of the next `alive`.
     pub fn hear(&mut self, promise: Promise) {
         self.promise.set(promise);
         self.heard = self.now;
     }
 
-    /// Whether the promise is broken at the output of `sample`, or would be at the next output, `period` samples later.
-    /// Returns true once. Only silence with the force on counts.
+    /// Whether the promise is broken at the output of `sample`, or would be broken at the next output, `period` samples
+    /// later. Returns true once. A silence with the force off is ignored.
     #[inline]
     pub fn falls_silent(&mut self, sample: u64, period: u32, on: bool) -> bool {
         #[expect(clippy::cast_possible_truncation, reason = "modulo 2^32, five days")]
@@ -118,7 +119,7 @@ mod tests {
             host.hear(Promise::of(200.0).unwrap());
             let found = (1..=3_000)
                 .find(|n| host.falls_silent(begin + n * u64::from(period), period, true));
-            // The output after it switches off: no later than promised, and at most one output too soon.
+            // The output after this finding switches off: no later than promised, and at most one output too soon.
             let off = found.unwrap() * u64::from(period) + u64::from(period);
             assert!((2_000..=2_000 + u64::from(period)).contains(&off), "{period}: {off}");
             assert!((1..=3_000).all(|n| !host.falls_silent(begin + 4_000 + n, period, true)));

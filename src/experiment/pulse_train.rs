@@ -5,9 +5,10 @@
 //! | 1, 2 | the force, and its negative | [`SHORT_S`] |
 //! | 3, 4 | a [`WEAKER`]th of it, and its negative | [`LONG_S`] |
 //!
-//! Each pulse begins at rest at the start, after a return move. It ends with [`REST_S`] without a force, in which the
-//! handle swings freely. Short strong pulses change the force often. They show the mass and the amplifier's lag. Long
-//! weak pulses reach the same speed over a longer distance. They show damping, spring and friction.
+//! Each pulse begins at rest at the start, after a return move. After each pulse there is no force for [`REST_S`], and
+//! the handle swings freely. Short strong pulses show the mass and the amplifier's lag, because the force changes
+//! often. Long weak pulses show damping, spring and friction, because the handle reaches the same speed over a longer
+//! distance.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -22,7 +23,7 @@ use crate::{
 
 /// Length of the first two pulses, s.
 pub const SHORT_S: f64 = 0.05;
-/// Length of the last two, s.
+/// Length of the last two pulses, s.
 pub const LONG_S: f64 = 0.2;
 /// Factor by which the last two pulses are weaker.
 pub const WEAKER: f64 = 4.0;
@@ -85,7 +86,7 @@ pub struct PulseTrain {
     /// Number of complete pulses.
     over: usize,
     phase: Phase,
-    /// Kind of the phase, stored again so that a flipped bit begins none.
+    /// Kind of the phase, stored twice, so that a flipped bit begins no pulse.
     part: Part,
 }
 

@@ -1,9 +1,10 @@
 //! Walls that a person would call quiet. At each of [four pushes](PUSHES) three conditions hold. The handle rests
 //! within a [count](rms_limit_m). The force changes by less than people can feel. The wall
-//! [stands](QuietWindow::stands): its penetration fits its force.
+//! [stands](QuietWindow::stands): its force is K times its penetration.
 //!
-//! At one push a force can rest on a whole count by chance. At four neighbouring pushes it does not. During a hit,
-//! integers sum up the motion and the codes. The functions here are called once, at its end.
+//! At a single push the handle can rest on a whole count by chance, with a constant force. This chance does not repeat
+//! at four neighbouring pushes. During a hit, integers sum up the motion and the codes. The functions here are called
+//! once, at the end of the hit.
 
 /// Criterion of a stable wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -11,7 +12,7 @@ pub enum Criterion {
     /// The RMS of the counts is below its limit, as in the paper.
     #[default]
     Rms,
-    /// At each of four pushes handle and force rest, and the wall stands.
+    /// At each of four pushes, handle and force are at rest, and [`QuietWindow::stands`] is true.
     Quiet,
 }
 
@@ -34,7 +35,7 @@ pub const PUSH_MAX: f64 = PUSHES[3];
 pub const FORCE_SHARE: f64 = 0.07;
 /// Smallest limit of the RMS of the motion, m.
 const REST_M: f64 = 1e-6;
-/// A wall stands if the error of its penetration is below this share, or below a count.
+/// [`QuietWindow::stands`] is true if the error of the penetration is below this share, or below a count.
 const STANDS: f64 = 0.1;
 
 /// Limit of the motion's RMS, m: a count, or 1 um at the handle if that is more.
@@ -49,13 +50,13 @@ pub struct QuietWindow {
     pub force_rms_n: f64,
     /// Mean force of the wall, N.
     pub wall_force_n: f64,
-    /// K times the mean penetration, over `wall_force_n`. 1 if K carries the load; `None` if `wall_force_n` is 0.
+    /// K times the mean penetration, divided by `wall_force_n`. 1 if K carries the load; `None` if `wall_force_n` is 0.
     pub penetration_ratio: Option<f64>,
     /// K times one count, N.
     pub count_n: f64,
 }
 
-/// K times the mean penetration, over the mean force of the wall. `None` if that force is 0.
+/// K times the mean penetration, divided by the mean force of the wall. `None` if that force is 0.
 pub fn penetration_ratio(spring_n: f64, wall_force_n: f64) -> Option<f64> {
     (wall_force_n != 0.0).then(|| spring_n / wall_force_n)
 }

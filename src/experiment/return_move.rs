@@ -10,11 +10,11 @@
 //! ```
 //!
 //! **It moves only towards its start.** Until the handle has passed the start, spring and integral never point away
-//! from the start, whoever moves the handle. Only the damper does, when it brakes a handle that is faster than `speed`.
-//! So the force can give no handle more speed than `speed + limit / B`.
+//! from the start, whoever moves the handle. Only the damper may point away from the start: it brakes a handle that is
+//! faster than `speed`. So the force accelerates no handle beyond `speed + limit / B`.
 //!
-//! **An accepted return starts**: a step of r is within the lead. Otherwise the spring's first step would need more
-//! than `limit`.
+//! **Every accepted return can start**: a step of r is within the lead. Otherwise the spring's first step would need
+//! more than `limit`.
 //!
 //! The speed is measured over the last eight milliseconds, without the estimator, so a return works with any cutoff.
 //! The integral finds the force that holds the handle at the start, against a spring or its weight. A hand that holds
@@ -79,7 +79,8 @@ pub struct ReturnPlan {
 }
 
 impl ReturnSettings {
-    /// Soft enough for a hand to stop it. Tuned on the paper's device and on handles of 0.05 to 2 kg, see the tests.
+    /// Soft enough for a hand to stop the return. Tuned on the paper's device and on handles of 0.05 to 2 kg, see the
+    /// tests.
     pub const SOFT: Self = Self {
         start_m: 0.0,
         speed_m_per_s: 0.15,
@@ -186,7 +187,7 @@ pub struct Return {
     /// oldest one.
     past: [i64; SPAN],
     oldest: usize,
-    /// Change of these distances over the span. The next field: outputs until the next measurement.
+    /// Change of the distances in `past` over the span. The next field: outputs until the next measurement.
     widened: i64,
     left: u32,
     /// Position where the handle rests, and the outputs in which it stayed within half the tolerance.

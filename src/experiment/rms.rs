@@ -54,7 +54,7 @@ impl RunningVariance {
         self.push_number(position.counts());
     }
 
-    /// Takes a number that is no count in the same way: the code of an output.
+    /// Takes the code of an output, in the same way as a position.
     #[inline]
     pub fn push_number(&mut self, number: i32) {
         if self.samples == 0 {
@@ -85,11 +85,11 @@ impl RunningVariance {
         self.samples == 0 || self.scatter() < limit.scatter_limit(self.samples)
     }
 
-    /// Whether the RMS after `total` positions will certainly reach `limit`. It is certain if the sum of squares about
-    /// the mean is already large enough, because this sum never falls.
+    /// Whether the RMS after `total` positions will certainly reach `limit`. This is certain if the sum of squares
+    /// about the mean is already large enough, because this sum never falls.
     pub fn must_reach(&self, limit: RmsLimit, total: u32) -> bool {
-        // scatter / samples is this sum. At the end it must be at least limit / total. The right side stays below
-        // 2^104, so a left side that saturates is greater.
+        // scatter / samples is the sum of squares about the mean. At the end this sum must be at least limit / total.
+        // The right side stays below 2^104, so a left side that saturates is greater.
         let limit = limit.scatter_limit(total) * u128::from(self.samples);
         self.samples > 0 && self.scatter().saturating_mul(u128::from(total)) >= limit
     }

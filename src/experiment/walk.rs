@@ -1,9 +1,9 @@
-//! The boundary walk (paper, 2.2.3). From a stable wall K goes up until a hit is unstable. Then B goes up, and K goes
-//! up or down to the boundary again, until no K is stable.
+//! The boundary walk (paper, 2.2.3). K rises from a stable wall until a hit is unstable. Then B rises by one step, and
+//! K rises or falls to the boundary at this B. The walk ends when no K is stable.
 //!
 //! K and B are on a grid, so the walk itself uses integers. [`WalkSettings`] turns a [`Cell`] into SI units. A hit
-//! takes seconds on a board, so the walk returns one [`Cell`] at a time and takes its verdict. Any code may run the
-//! hit.
+//! takes seconds on a board, so the walk returns one [`Cell`] at a time and takes the verdict of the hit at this cell.
+//! Any code may run the hit.
 
 use core::fmt;
 
@@ -39,7 +39,7 @@ pub struct Cell {
 impl WalkSettings {
     /// Most points that a walk may have along either axis.
     const STEPS_MAX: f64 = 1e6;
-    /// Lowest value of numbers that must be above 0. It is far below any wall, and easy to type.
+    /// Lowest value of numbers that must be above 0. It is far below K and B of any wall, and easy to type.
     const SMALLEST: f64 = 1e-9;
 
     /// Checks every field. The first K must be above 0.
@@ -98,7 +98,7 @@ const ROUNDING: f64 = 1e-6;
 pub enum Ended {
     /// No K > 0 was stable at the last B: the boundary is closed.
     Closed,
-    /// B reached its cap. The boundary goes on beyond it.
+    /// B reached its cap. The boundary goes on beyond the cap.
     DampingMax,
     /// B reached its cap, and before that K had reached its cap at one point or more.
     BothMax,
@@ -179,7 +179,7 @@ impl Walk {
         &self.plan
     }
 
-    /// The next cell to hit. When the walk is over, it stays within the caps.
+    /// The next cell to hit. When the walk is over, this cell is within the caps.
     pub fn cell(&self) -> Cell {
         self.cell
     }

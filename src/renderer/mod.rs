@@ -23,17 +23,17 @@ mod tests;
 
 /// Interface of the task `sample` for orders.
 pub trait Sampling {
-    /// The parameters hold as a whole from the next sample on.
+    /// The task uses the parameters as a whole from the next sample on.
     fn set_parameters(&mut self, parameters: LoopParameters);
 
-    /// The command holds from the next sample on.
+    /// The task uses the command from the next sample on.
     fn command(&mut self, command: GuardCommand);
 
     /// Sets the direction of the count.
     fn turn_encoder(&mut self, reversed: bool);
 }
 
-/// Experiment, wall and supervisor, and a black box of `N` records. The task `render` owns it.
+/// Experiment, wall and supervisor, and a black box of `N` records. The task `render` owns the renderer.
 #[derive(Clone)]
 pub struct Renderer<const N: usize> {
     supervisor: Supervisor,
@@ -156,14 +156,14 @@ impl<const N: usize> Renderer<N> {
         record
     }
 
-    /// Whether an order can be carried out, because the answer to the last one was reported.
+    /// Whether an order can be carried out, because the answer to the last order was reported.
     #[inline(always)]
     pub fn is_ready(&self) -> bool {
         matches!(self.answer, Event::None)
     }
 
-    /// Whether no force may act any more. If so after an order, switch the output off before the order is answered,
-    /// because a reader of the answer may rely on it.
+    /// Whether no force may act any more. If this is true after an order, switch the output off before the order is
+    /// answered. A reader of the answer may rely on the force being off.
     #[inline(always)]
     pub fn is_off(&self) -> bool {
         !self.supervisor.status().state.is_on()
@@ -171,7 +171,7 @@ impl<const N: usize> Renderer<N> {
 
     /// Carries out an order, or refuses it. The next [`report`](Self::report) has the answer. Check
     /// [`is_off`](Self::is_off) before the report.
-    #[inline(always)] // called, it would copy the order once more
+    #[inline(always)] // a call would copy the order once more
     pub fn meet(&mut self, order: Order, sampling: &mut impl Sampling) {
         self.answer = Event::Answer(self.met(order, sampling));
     }
@@ -187,7 +187,7 @@ impl<const N: usize> Renderer<N> {
         match order {
             Order::Request(request) => {
                 let result = self.supervisor.request(request);
-                // Now, not with the next output: flash may be written as soon as this order is answered.
+                // This is done now, not with the next output: flash may be written as soon as this order is answered.
                 sampling.command(self.supervisor.down());
                 if result.is_ok() && matches!(request, Request::Clear) {
                     // If records are being sent, all of them are sent first.
@@ -235,7 +235,7 @@ impl<const N: usize> Renderer<N> {
                 Ok(())
             }
             Order::Stop => {
-                self.experiments.stop(); // what has just ended by itself is told all the same
+                self.experiments.stop(); // an experiment that has just ended by itself is still reported
                 Ok(())
             }
             Order::Replay => {
@@ -249,12 +249,12 @@ impl<const N: usize> Renderer<N> {
         }
     }
 
-    /// The report of the output with this record, and of one event since the last report. Call it only if there is room
-    /// for it. So records may be lost, but never events.
+    /// The report of the output with this record, and of one event since the last report. Call this function only if
+    /// there is room for the report. So records may be lost, but never events.
     #[inline(always)]
     pub fn report(&mut self, record: Record) -> Report {
         let activity = self.experiments.activity();
-        // Events of experiments come first: one may be the end that a `stop` has caused.
+        // Events of experiments come first: an event may be the end that a `stop` has caused.
         let event = match self.experiments.news() {
             Event::None => &mut self.answer,
             news => news,

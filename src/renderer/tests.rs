@@ -337,7 +337,7 @@ fn a_calibration_holds_goes_on_with_another_force_and_ends_when_the_handle_moves
     let (outputs, event) = bench.event();
     assert!(matches!(event, Event::CalibrationHolds) && (990..1_010).contains(&outputs));
     assert_eq!(bench.renderer.experiments.parts().push.bits(), (1 << 30) / 50);
-    // a held handle is no dead encoder; the force continues from its value
+    // a held handle is not reported as a stuck encoder; the force continues from its value
     bench.met(Bench::calibrate(20.0));
     bench.run(1);
     assert!(bench.renderer.experiments.parts().push.bits() > (1 << 30) / 50);
@@ -393,7 +393,7 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
     bench.met(bench.hit());
     bench.full = true;
     bench.sensed.supply_good = false;
-    bench.output(Some(Order::Stop)); // it ends by itself, and the stop is met
+    bench.output(Some(Order::Stop)); // the hit ends by itself, and the stop is carried out
     let reports = bench.reports.len();
     // the answer waits for a report, and the next order waits for the answer
     assert!(!bench.renderer.is_ready());

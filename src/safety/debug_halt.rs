@@ -9,10 +9,10 @@ pub struct HaltWatch {
 
 impl HaltWatch {
     /// Ticks of the clock per sample. The clock wraps after 2^16 ticks, 1.6 s at 10 kHz. A halt of this length or a
-    /// multiple of it, give or take an output period, is not found here. But then the output watchdog has cleared MOE,
-    /// which is found.
+    /// multiple of it, plus or minus an output period, is not found here. But after such a halt the output watchdog has
+    /// cleared MOE, and the next output finds that.
     pub const TICKS_PER_SAMPLE: u32 = 4;
-    /// Two samples, which are no halt yet, beyond an output period. Unit: ticks.
+    /// Time beyond an output period that is no halt yet: two samples, in ticks.
     const SLACK: u32 = 2 * Self::TICKS_PER_SAMPLE;
 
     /// Clock and sample at the last output.
@@ -24,7 +24,7 @@ impl HaltWatch {
     /// Whether the core stood still for longer than an output period and two samples since the last call.
     ///
     /// `ticks`: the clock now. `sample`: number of the output's sample. `period`: samples from output to output. An
-    /// output that is late by less than a period is no halt. An output that is later answers another sample.
+    /// output that is late by less than a period is no halt. An output that is even later belongs to a later sample.
     #[inline]
     pub fn found(&mut self, ticks: u16, sample: u64, period: u32) -> bool {
         let passed = ticks.wrapping_sub(self.ticks);
@@ -32,7 +32,8 @@ impl HaltWatch {
         let sampled =
             (sample.wrapping_sub(self.sample) as u32).wrapping_mul(Self::TICKS_PER_SAMPLE) as u16;
         (self.ticks, self.sample) = (ticks, sample);
-        // If the output before this one was late, the difference is negative. Then it is at the upper end of the range.
+        // If the previous output was late, the difference is negative. A negative difference is at the upper end of the
+        // range, as the type is unsigned.
         let still = u32::from(passed.wrapping_sub(sampled));
         let slack = period * Self::TICKS_PER_SAMPLE + Self::SLACK;
         (slack + 1..u32::from(u16::MAX) - slack).contains(&still)
@@ -45,8 +46,8 @@ mod tests {
 
     use super::*;
 
-    /// Runs outputs. Each has its delay, and the time for which the core stood still before it, in samples. Returns
-    /// whether a halt was found, for each output after the first.
+    /// Runs outputs. Each output has its delay, and the time for which the core stood still before it, in samples.
+    /// Returns whether a halt was found, for each output after the first.
     fn outputs(period: u32, each: &[(f64, f64)]) -> Vec<bool> {
         let mut watch = HaltWatch::default();
         let mut still = 0.0;

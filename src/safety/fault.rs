@@ -55,7 +55,7 @@ faults! {
     SignTestFailed = 14, "sign test failed";
     /// The handle is outside the device's travel, while force is on.
     BeyondTravel = 15, "beyond travel";
-    /// An output was not ready when the next one was due.
+    /// An output was not ready when the next output was due.
     LateRender = 20, "late render";
     /// No output was ready for 10 ms.
     StuckRender = 21, "stuck render";
@@ -79,7 +79,7 @@ faults! {
     ForceOutput = 35, "force output";
     /// The motor's current does not match the force output.
     MotorCurrent = 36, "motor current";
-    /// The settings in force are not valid, or outside the envelope while it is locked.
+    /// The settings in force are not valid, or they are outside the envelope while the envelope is locked.
     Settings = 40, "settings";
     /// The program stopped itself.
     Panic = 41, "panic";
@@ -91,7 +91,7 @@ faults! {
     Memory = 44, "memory";
     /// An interrupt without a task came.
     Interrupt = 45, "unexpected interrupt";
-    /// The program in flash, or the device record, is not the one that was checked at boot.
+    /// The program in flash, or the device record, has changed since the check at boot.
     Image = 46, "image";
 }
 

@@ -1,5 +1,5 @@
-//! Changes settings without a jump of the force. The push moves towards the new push. A correction cancels the force
-//! that the new wall would add at once, and then fades to 0. Position and velocity act at once, as always.
+//! Changes settings without a jump of the force. The acting push moves towards the new push. A correction cancels the
+//! force that the new wall would add at once, and then fades to 0. Position and velocity act at once, as always.
 //!
 //! ```text
 //! push' = towards the new push, by at most slew                      what is left of slew: rest
@@ -10,10 +10,12 @@
 //!
 //! **The correction is part of the wall, so it has the wall's sign.** `within` limits every force. Outside the wall
 //! there is only the push. Inside a push-only wall the force never exceeds the push, so the wall does not pull. Every
-//! force stays within full scale. If motion leaves no room for a correction, it is dropped and does not come back.
+//! force stays within full scale. If motion leaves no room for a correction, the correction is dropped and does not
+//! come back.
 //!
-//! So at every output the force differs by at most `slew` from the force of the settings before the change. This holds
-//! for any number and size of changes. The exception is a wall that the handle leaves: its force is gone at once.
+//! So at every output the force differs by at most `slew` from the force of the settings before the change. This is
+//! true for any number and size of changes. The exception is a wall that the handle leaves: the force of this wall is
+//! gone at once.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -37,7 +39,7 @@ struct Kept {
     wall: Wall,
     /// Push of the last output, on its way to the push of the settings.
     push: Force,
-    /// Whether the push has not reached that value yet.
+    /// Whether the push has not reached the push of the settings yet.
     pushing: bool,
     /// Difference of the last output's force from the force of wall and push, LSB of [`Force`]. It fades to 0.
     correction: i64,
@@ -66,7 +68,7 @@ impl GainFade {
     }
 
     /// The force now. `drive`: the output of the new settings. `slew`: largest step. `held`: the force of the last
-    /// output, if the command `zero` has renamed the motion. It then replaces the force of the old settings.
+    /// output, if the command `zero` has renamed the motion. `held` then replaces the force of the old settings.
     #[inline]
     pub fn force(
         &mut self,
@@ -83,7 +85,7 @@ impl GainFade {
         }
         if !kept.is_whole() {
             cold_path();
-            return drive.force; // nothing is put over the broken one: what asks `is_whole` finds it
+            return drive.force; // the damaged state is not overwritten, so `is_whole` still finds it
         }
         let before = kept.push.bits();
         let step = push.bits().saturating_sub(before).max(-slew).min(slew); // clamp could panic
@@ -224,7 +226,8 @@ mod tests {
         assert_eq!(force.bits(), -SLEW);
     }
 
-    /// A damaged state acts on no output. It stays damaged for the check after the output, while the force moves on.
+    /// A damaged state changes no output. The state stays damaged until the check after the output, while the force
+    /// continues.
     #[test]
     fn a_broken_one_is_neither_used_nor_mended() {
         let (soft, hard) = (wall(0, 0.0, 0.0), wall(0, 1e9, 0.0));
@@ -239,8 +242,9 @@ mod tests {
     }
 
     proptest! {
-        /// Any changes, at any time. The reference keeps the old settings for one more output. Where the handle is in
-        /// the same walls, the two forces differ by at most 5 % of full scale. The wall has its sign everywhere.
+        /// Any changes, at any time. The reference keeps the old settings for one more output. The two forces differ by
+        /// at most 5 % of full scale, unless the handle is in the old wall and not in the new wall. The wall has its
+        /// sign everywhere.
         #[test]
         fn no_change_steps_by_more_than_5_percent_and_none_turns_the_wall_round(
             push_only in any::<bool>(),
@@ -270,7 +274,7 @@ mod tests {
                 let force = i64::from(give(&mut change, now, at).bits());
                 let is_in = now.0.penetration(at.position) > 0;
                 let step = force - unchanged;
-                // A wall that is taken away is gone at once. This is never done in contact, see `may_change`.
+                // If the wall is removed, its force is gone at once. `may_change` never allows this in contact.
                 prop_assert!(step.abs() <= i64::from(SLEW) || was_in && !is_in, "{step}");
                 let push = i64::from(change.kept.push.bits());
                 if !is_in {
@@ -279,7 +283,8 @@ mod tests {
                     prop_assert!(force <= push);
                 }
             }
-            // left alone, it ends within 81 outputs: the push and then the wall, two full scales each at 5 %
+            // without further changes the fade ends within 81 outputs: the push and then the wall, two full scales each
+            // at 5 %
             let at = motion(150, 0);
             for _ in 0..81 {
                 let _ = give(&mut change, now, at);

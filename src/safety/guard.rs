@@ -1,8 +1,9 @@
 //! The part of the supervisor that runs for every sample.
 //!
-//! The guard looks for faults in every sample. After a fault it sets [`Step::cut`]. Two tasks can wait: noting a fault,
-//! and zeroing the count. The guard does one of them at a time. It does neither with a due sample, which requests an
-//! output. So the longest sample is hardly longer than a quiet one. If every sample is due, the two tasks do not wait.
+//! The guard looks for faults in every sample. After a fault it sets [`Step::cut`]. Two actions can wait: noting a
+//! fault, and zeroing the count. The guard does one of these actions at a time. With a due sample the guard does none
+//! of these actions, because a due sample also requests an output. So the longest sample is hardly longer than a quiet
+//! sample. If every sample is due, the two actions do not wait.
 //!
 //! The order of the checks suits the Cortex-M4's number of registers. `tests/elf/control/budget.rs` checks the cycles.
 
@@ -28,15 +29,16 @@ pub struct GuardCommand {
     pub rendered: u32,
     /// The value of [`Guard::events`] up to which `clear` was given.
     pub acknowledged: u32,
-    /// A value other than the last one requests zeroing of the count.
+    /// A value that differs from the last value requests zeroing of the count.
     pub zeros: Token,
-    /// The last granted force, 0 while off. It has acted since the last sample, except for the time of the output.
+    /// The last granted force, 0 while off. This force has acted since the last sample, except for the time in which
+    /// the output was computed.
     pub force: Force,
     /// Largest move in one sample that is no count jump, counts. No limit while flash is written, and at the first
     /// sample after that.
     pub jump: u32,
-    /// Largest allowed speed, LSB of [`Velocity`](crate::units::Velocity). No limit while off: a hand may move a free
-    /// handle at any speed.
+    /// Largest allowed speed, LSB of [`Velocity`](crate::units::Velocity). No limit while the force is off: a hand may
+    /// move a free handle at any speed.
     pub speed: u32,
     /// Flash is being written, which stalls the processor. Missing outputs are no fault then. Never set while force is
     /// on.
@@ -50,7 +52,7 @@ impl GuardCommand {
     /// The command before the first output.
     pub const fn start(plan: &SafetyPlan) -> Self {
         Self {
-            rendered: plan.period.wrapping_neg(), // as if there had been one
+            rendered: plan.period.wrapping_neg(), // as if there had been an output
             acknowledged: 0,
             zeros: Token::FIRST,
             force: Force::ZERO,
@@ -66,7 +68,7 @@ impl GuardCommand {
 pub struct SampleReport {
     /// Number, position and velocity of the sample.
     pub motion: Motion,
-    /// Faults of this sample, and faults of an earlier one that are not in [`Guard`] yet.
+    /// Faults of this sample, and faults of an earlier sample that are not in [`Guard`] yet.
     pub present: FaultSet,
 }
 
@@ -86,13 +88,13 @@ pub struct Step {
     /// Whether an output is due with this sample.
     pub due: bool,
     /// Whether the output must be off now: the task `sample` switches it off by itself. Set again with every sample
-    /// until `clear`, except with a due sample. The report of a due sample is answered right after it.
+    /// until `clear`, except with a due sample. `render` answers the report of a due sample right after this sample.
     pub cut: bool,
     /// Whether the [`Guard`] was changed.
     pub told: bool,
 }
 
-/// A sample, and the counts by which the handle has moved since the last one.
+/// A sample, and the counts by which the handle has moved since the last sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
     sampled: Sampled,
@@ -110,7 +112,7 @@ pub struct Judged {
     pub due: bool,
     /// Faults of this sample.
     pub found: FaultSet,
-    /// No fault was found or waits, and no zeroing of the count is requested.
+    /// No fault was found, no fault waits to be noted, and no zeroing of the count is requested.
     pub quiet: bool,
 }
 
@@ -132,7 +134,7 @@ impl<W: Width> GuardedSampler<W> {
         Self { sampler: Sampler::new(counter, width), met: Token::FIRST, waiting: FaultSet::EMPTY }
     }
 
-    /// As this one, with the counter's width as a value. For readers in another task.
+    /// This guarded sampler with the counter's width as a value, for readers in another task.
     pub fn of_any_width(self) -> GuardedSampler {
         let Self { sampler, met, waiting } = self;
         GuardedSampler { sampler: sampler.of_any_width(), met, waiting }
@@ -154,11 +156,11 @@ impl<W: Width> GuardedSampler<W> {
     }
 
     /// Takes a reading of the encoder counter. Call it once per sample, at a constant rate, with the newest
-    /// [`GuardCommand`]. `senses`: the board's other senses. The force of `down` replaces their force. `guard`: the
-    /// findings so far. If it changes, [`Step::told`] is set.
+    /// [`GuardCommand`]. `senses`: the board's other senses. The force of `down` replaces the force in `senses`.
+    /// `guard`: the findings so far. If the findings change, [`Step::told`] is set.
     ///
-    /// At a due sample, the output of the due sample before it must be finished. If `down.rendered` shows that it is
-    /// not, it is late by a period.
+    /// At a due sample, the output of the due sample before it must be finished. If `down.rendered` shows that this
+    /// output is not finished, the output is late by a period.
     #[inline]
     pub fn step(
         &mut self,
@@ -192,7 +194,7 @@ impl<W: Width> GuardedSampler<W> {
 
     /// The second stage of [`step`](Self::step): finds faults.
     ///
-    /// The caller must finish each case separately. If the cases joined again, each would load the numbers of all
+    /// The caller must finish each case separately. If the cases joined again, each case would load the numbers of all
     /// cases, and the quiet case would take longer.
     #[inline(always)]
     pub fn judge(
@@ -208,14 +210,14 @@ impl<W: Width> GuardedSampler<W> {
         if !due {
             return self.with_motion(judged, moved, down);
         }
-        // The output of the due sample before this one must be finished, unless flash was written.
+        // The output of the previous due sample must be finished, unless flash was written.
         let behind = motion.number().wrapping_sub(down.rendered);
         let found = if behind != control.period.get() && !down.stall {
             cold_path();
             read_anew();
             FaultSet::EMPTY.with(Fault::LateRender).with_if(Fault::Memory, !self.sampler.is_whole())
         } else if !self.sampler.is_whole() {
-            // Position 0 has moved. It is enough to check this at due samples, which are not the longest samples.
+            // Position 0 has moved. A check at due samples is enough. Due samples are not the longest samples.
             cold_path();
             read_anew();
             FaultSet::EMPTY.with(Fault::Memory)
@@ -238,8 +240,8 @@ impl<W: Width> GuardedSampler<W> {
         Judged { found, quiet: false, ..judged }
     }
 
-    /// For a due sample, unless every sample is due. Returns the faults for its report. The requested output then stays
-    /// off. If this output does not come, the next sample switches off.
+    /// Handles a due sample, unless every sample is due. Returns the faults for the report of this sample. The
+    /// requested output then stays off. If this output does not come, the next sample switches off.
     #[inline(always)]
     pub fn defer(&mut self, found: FaultSet, down: &GuardCommand) -> FaultSet {
         let waiting = self.waiting.union(found);
@@ -255,7 +257,7 @@ impl<W: Width> GuardedSampler<W> {
         waiting
     }
 
-    /// For each other sample that is not quiet: notes its faults, or zeroes the count.
+    /// Handles all other samples that are not quiet: notes the faults of a sample, or zeroes the count.
     #[inline(always)]
     pub fn settle(&mut self, judged: &Judged, down: &GuardCommand, guard: &mut Guard) -> Step {
         read_anew();
@@ -406,7 +408,7 @@ mod tests {
         }
     }
 
-    /// An output is late if the output before the due sample is missing. While flash is written, it is not.
+    /// An output is late if the output before the due sample is missing. While flash is written, no output is late.
     #[test]
     fn a_late_output_is_found_with_the_sample_after_the_due_one() {
         for (rendered, stall, late) in
@@ -456,7 +458,8 @@ mod tests {
         }
     }
 
-    /// A flipped bit of the request does not end an alert: until `clear` every sample but a due one switches off.
+    /// A flipped bit of the request does not end an alert: until `clear` every sample switches off, except a due
+    /// sample.
     #[test]
     fn a_bit_that_flips_in_an_alert_ends_no_cut() {
         let control = free();
@@ -479,7 +482,7 @@ mod tests {
         }
     }
 
-    /// Also if a due sample finds another fault: each sample up to the next due one switches off. Every bit of the
+    /// If a due sample finds another fault, each sample up to the next due sample still switches off. Every bit of the
     /// request and of the last token that was carried out flips, at every time.
     #[test]
     fn a_bit_that_flips_before_another_fault_ends_no_cut() {

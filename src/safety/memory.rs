@@ -15,7 +15,7 @@ use crate::{
 pub struct FaultRecord {
     /// The first fault.
     pub fault: Fault,
-    /// All faults since then, with the first one.
+    /// All faults since the first fault, including the first fault.
     pub causes: FaultSet,
     /// Sample of the first fault, counted from the reset before it.
     pub sample: u64,
@@ -23,7 +23,7 @@ pub struct FaultRecord {
     pub position: Position,
     /// Velocity at that output, counts per sample.
     pub velocity: Velocity,
-    /// Force that acted until then.
+    /// Force that acted until that output.
     pub force: Force,
     /// Flags of the last output before the fault.
     pub flags: Flags,
@@ -70,14 +70,14 @@ impl FaultRecord {
         }
     }
 
-    /// The same circumstances with another fault. For the panic and HardFault handlers, which only have the last
-    /// record.
+    /// A record with the same circumstances and another fault. For the panic and HardFault handlers, which only have
+    /// the last record.
     #[must_use]
     pub fn renamed(self, fault: Fault) -> Self {
         Self { fault, causes: self.causes.with(fault), ..self }
     }
 
-    /// The record as words. The last word is a CRC over the others.
+    /// The record as words. The last word is a CRC over all other words.
     #[expect(clippy::cast_possible_truncation, reason = "halves of 64-bit words")]
     pub fn to_words(self) -> [u32; Self::WORDS] {
         let [low, high] = [self.sample as u32, (self.sample >> 32) as u32];

@@ -1,4 +1,4 @@
-//! The supervisor. Only it can grant a force, and only while armed.
+//! The supervisor. Only the supervisor can grant a force, and only while armed.
 //!
 //! ```text
 //!            SampleReport: motion, what the guard found                    Status, Record
@@ -8,10 +8,10 @@
 //!            GuardCommand: rendered, acknowledged, zeros                 Request
 //! ```
 //!
-//! It works at two priorities without locks. Each side owns its half, and hands plain `Copy` records to the other.
-//! [`GuardedSampler`] runs for every sample. It finds a count jump, over-speed or a late output. Then it sets
-//! [`Step::cut`], and the task `sample` switches the output off by itself. [`Supervisor`] runs for every output. It has
-//! the states, the ramps, the sign test and all other checks. It returns an [`OutputCommand`]. Only
+//! The supervisor has two halves, which work at two priorities without locks. The halves exchange plain `Copy` records.
+//! [`GuardedSampler`] runs for every sample. It finds a count jump, over-speed or a late output. After such a finding
+//! it sets [`Step::cut`], and the task `sample` switches the output off by itself. [`Supervisor`] runs for every
+//! output. It has the states, the ramps, the sign test and all other checks. It returns an [`OutputCommand`]. Only
 //! [`OutputCommand::On`] has a force, and only this module can make one.
 //!
 //! ```text
@@ -24,9 +24,9 @@
 //!       clear    └───────┘
 //! ```
 //!
-//! Times: after a fault of the guard the output is off with this sample, or with the output that this sample requests.
-//! If that output does not come, it is off with the next sample. After most other faults it is off within one output
-//! period and one sample. A later fault is noted, but never replaces the first.
+//! Times: if the guard finds a fault at a sample, the force is off with this sample, or with the output that this
+//! sample requests. If that output does not come, the force is off with the next sample. After most other faults the
+//! force is off within one output period and one sample. A later fault is noted, but never replaces the first fault.
 //!
 //! This is not a certified safety system. The emergency stop must also break the amplifier's enable in hardware.
 

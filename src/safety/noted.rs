@@ -12,7 +12,7 @@ pub struct Guard {
     pub events: u32,
     /// Number of zeroings of the count; wraps.
     pub zeros: u32,
-    /// First faults, with those of the next one or two samples if noting had to wait.
+    /// First faults. If noting had to wait, the faults of the next one or two samples are included.
     pub first: FaultSet,
     /// Sample at which the first faults were noted, low 32 bits: their own sample, or up to two later.
     pub first_sample: u32,
@@ -30,7 +30,7 @@ impl Guard {
         causes: FaultSet::EMPTY,
     };
 
-    /// Notes these faults. They become the first ones if `clear` has covered all earlier faults.
+    /// Notes these faults. They become the first faults if `clear` has covered all earlier faults.
     #[inline(always)]
     pub(super) fn note(&mut self, found: FaultSet, sample: u32, dealt_with: bool) {
         if dealt_with {
@@ -68,7 +68,7 @@ impl GuardView {
         (self.newest, self.told_at) = (newest, told_at);
     }
 
-    /// The guard's findings at this sample, without a later zero.
+    /// The guard's findings at this sample, without a zeroing after this sample.
     #[inline(always)]
     pub fn at(&mut self, sample: u32) -> Guard {
         let mut guard = self.newest;

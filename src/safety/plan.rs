@@ -11,11 +11,11 @@ use crate::{
 
 /// Largest change of the force in a millisecond that does not come from position or velocity: 5 % of full scale, in LSB
 /// of [`Force`]. So a change over the whole range takes 40 ms, and a change by full scale 20 ms. If outputs are more
-/// than a millisecond apart, it is the largest step of an output.
+/// than a millisecond apart, this is the largest step of an output.
 pub const SLEW: i32 = (1 << Force::FRACTION_BITS) / 20;
 
 /// Largest force that may act without motion for any time: 10 % of full scale, in LSB of [`Force`]. It is twice the
-/// force with which the sign test moves the handle, so friction is no explanation.
+/// force with which the sign test moves the handle, so friction cannot be the reason for the missing motion.
 pub(super) const PUSH_FORCE: i32 = (1 << Force::FRACTION_BITS) / 10;
 /// Longest time of a larger force without motion, s.
 pub(super) const PUSH_S: f64 = 0.05;
@@ -51,8 +51,8 @@ pub struct SafetySettings {
     pub sign_test_force: f64,
     /// Motion that the sign test needs, counts: 10 to 2^20. Below 8, quantisation alone could pass the test.
     pub sign_test_counts: u32,
-    /// Mass of the heaviest handle for a push, with everything that hangs on it, kg: 1e-9 to 1e6. A push that moves the
-    /// count by less than it would move this handle is a push without motion.
+    /// Mass of the heaviest handle for a push, with everything that hangs on it, kg: 1e-9 to 1e6. If a push moves the
+    /// count by less than this handle would move, it is a push without motion.
     pub heaviest_mass_kg: f64,
     /// Damping of the heaviest handle, N s/m: 0 to 1e6.
     pub heaviest_damping_n_s_per_m: f64,
@@ -91,7 +91,7 @@ impl SafetySettings {
         })?;
         let metres_per_second = design.resolution_m * design.rate_hz; // one count per sample
         let fastest = f64::from(Velocity::LIMIT - 1) * metres_per_second;
-        // At least one LSB of velocity: a handle at rest must not be too fast.
+        // At least one LSB of velocity. With a limit of 0, a handle at rest would be too fast.
         let slowest = metres_per_second / f64::from(1u32 << Velocity::FRACTION_BITS);
         let speed = self.speed_max_m_per_s;
         within("speed_max_m_per_s", speed, slowest..=fastest)?;
@@ -221,7 +221,7 @@ pub struct SafetyPlan {
     pub(super) slew: i32,
     /// Outputs in a millisecond, at least one.
     pub(super) per_ms: u32,
-    /// Largest allowed move in `per_ms` outputs, counts. It has one count for quantisation.
+    /// Largest allowed move in `per_ms` outputs, counts. One count for quantisation is included.
     pub(super) moved: u32,
     /// Lowest and highest position with force, counts.
     pub(super) travel: [i32; 2],
@@ -234,11 +234,11 @@ pub struct SafetyPlan {
     pub(super) sign_force: Force,
     /// Motion that the sign test needs, counts.
     pub(super) sign_counts: i32,
-    /// Most outputs of a push without motion.
+    /// Most outputs for which a push may be without motion.
     pub(super) push_renders: u32,
     /// Speed that full scale adds to the heaviest handle from one output to the next, LSB of 2^-32 counts per output.
     pub(super) yields: u64,
-    /// Part of its speed that this handle loses from one output to the next, LSB of 2^-32.
+    /// Part of its speed that the heaviest handle loses from one output to the next, LSB of 2^-32.
     pub(super) slows: u32,
     pub(super) passivity: Option<Passivity>,
     /// Times in samples, from which the numbers of outputs are computed.

@@ -4,7 +4,7 @@
 
 use core::hint::cold_path;
 
-/// Outputs in a block. Also the blocks in a comparison.
+/// Number of outputs in a block, and number of blocks in a comparison.
 const BLOCK: u32 = 8;
 const BLOCKS: u32 = 8;
 
@@ -53,7 +53,7 @@ impl<const TICKS: u32> RateWatch<TICKS> {
     const PART: u32 = 50;
 
     /// Takes the ticks and the samples since the last output. `anew`: time has passed without samples or without the
-    /// clock. This is a fault of its own, so the comparison begins again.
+    /// clock. The missing time is a separate fault, so the comparison begins again.
     #[inline(always)]
     pub fn follow(&mut self, ticks: u32, samples: u32, anew: bool) {
         if anew {
@@ -82,7 +82,7 @@ impl<const TICKS: u32> RateWatch<TICKS> {
         }
     }
 
-    /// Whether the last comparison was off by more than 2 %.
+    /// Whether the last comparison found an error of more than 2 %.
     #[inline(always)]
     pub const fn is_wrong(&self) -> bool {
         self.wrong
@@ -118,7 +118,7 @@ mod tests {
             for rate in [0.985, 1.0, 1.015] {
                 assert_eq!(found(period, rate, 0.0), None, "{period} {rate}");
             }
-            // An output that is late by a period is not found wrong. Outputs with different latencies are not either.
+            // The rate is not found wrong if an output is late by a period, or if outputs have different latencies.
             let latest = f64::from(period).min(1.0);
             assert_eq!(found(period, 1.0, latest), None, "{period}");
         }

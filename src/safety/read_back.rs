@@ -1,7 +1,7 @@
 //! Reads back the voltage of the force output and the current of the motor.
 //!
-//! Both are read once per output, at its beginning. By then the output before it has had its whole period to settle.
-//! See docs/safety.md.
+//! Both are read once per output, at the beginning of the output. By then the previous output has had a whole period to
+//! settle. See docs/safety.md.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -59,10 +59,10 @@ impl OutputWatch {
     /// Largest error of a reading, codes: 2 % of the range. Offset, gain and linearity of DAC and converter are
     /// together some 1 %.
     pub const ALLOWED: i32 = 82;
-    /// Wrong readings in a row until a fault. A single one may be a disturbance.
+    /// Wrong readings in a row until a fault. A single wrong reading may be a disturbance.
     pub const MISSES: u8 = 2;
 
-    /// A check of this output. `swing`: lowest and highest code that it surely reaches.
+    /// A check of this output. `swing`: lowest and highest code that the output surely reaches.
     ///
     /// # Errors
     /// `bits` or `steps` of the output is out of range.
@@ -98,7 +98,7 @@ pub struct CurrentSettings {
     /// Voltage without current.
     pub rest: f64,
     /// Voltage with the current of the highest command. The voltage of the lowest command is its mirror image about
-    /// `rest`. Both 0: the input is not used.
+    /// `rest`. If both voltages are 0, the input is not used.
     pub full: f64,
 }
 
@@ -146,8 +146,8 @@ impl CurrentSettings {
 ///
 /// With each output of the period T the mean changes by `T (error - mean) / 12.8 ms`. A difference of x times full
 /// scale is found after `12.8 ms ln(x / (x - 1/4))`: 3.7 ms for full scale, 8.9 ms for half of it. An amplifier with a
-/// time constant of 1 ms causes no fault. Its mean is at most `2 * 1 / 12.8` = 16 % of full scale, at a step from one
-/// end to the other.
+/// time constant of 1 ms causes no fault. After a step from one end of the range to the other end, the mean is at most
+/// `2 * 1 / 12.8` = 16 % of full scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CurrentWatch {
     zero: i32,
@@ -166,9 +166,9 @@ impl CurrentWatch {
     /// Time of the mean, 2^7 samples: 12.8 ms.
     const MEAN_BITS: u32 = 7;
 
-    /// Takes a reading. `mean`: mean error so far, 2^-7 codes. `written`: the output that was read; `None`: it is off.
-    /// `samples`: samples since the reading before. A missing answer counts as the largest error. Returns whether the
-    /// current is wrong.
+    /// Takes a reading. `mean`: mean error so far, 2^-7 codes. `written`: the output that was read; `None`: the output
+    /// is off. `samples`: samples since the reading before. A missing answer counts as the largest error. Returns
+    /// whether the current is wrong.
     #[inline]
     pub fn follow(
         &self,

@@ -42,7 +42,7 @@ pub struct Inputs {
     pub stop_closed: bool,
     /// The supply is above the limit of the voltage detector.
     pub supply_good: bool,
-    /// The settings in force were accepted, and their gains are inside the envelope, or it is unlocked.
+    /// The settings in force were accepted, and their gains are inside the envelope, or the envelope is unlocked.
     pub settings_valid: bool,
     /// A debugger halted the processor since the last output.
     pub halted: bool,
@@ -53,7 +53,7 @@ pub struct Inputs {
 /// Facts that a board senses at an output, see [`contract::sense`](crate::contract::sense).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sensed {
-    /// The task `render` has switched the amplifier on, and not off since.
+    /// The task `render` has switched the amplifier on, and has not switched it off since.
     pub switched_on: bool,
     /// A debugger halted the processor since the last output.
     pub halted: bool,
@@ -75,11 +75,11 @@ impl Inputs {
     #[inline(always)]
     pub fn of(sensed: Sensed, cut: bool, settings_valid: bool) -> Self {
         let Sensed { switched_on, halted, supply_good, found, .. } = sensed;
-        // A stop that ends before the next output still counts. A halt may set the same flag.
+        // A stop that ends before the next output is still a stop. A halt may set the same flag.
         let stopped = switched_on && !halted && sensed.was_stopped;
         let stop_closed = sensed.stop_closed && !stopped;
         // While force is on, only four causes switch enable off: the emergency stop, the supply detector, the task
-        // `sample` (`cut`) and the task `render` (`found`). They have faults of their own.
+        // `sample` (`cut`) and the task `render` (`found`). Each of these four causes has its own fault.
         let quiet = stop_closed && supply_good && !cut && found.is_empty();
         let dropped = quiet && !sensed.enabled;
         Self {
@@ -181,7 +181,7 @@ pub struct Status {
     pub state: State,
     /// The first fault, while one is latched.
     pub fault: Option<FaultRecord>,
-    /// All causes since then, with the first one.
+    /// All causes since the first fault, including the first fault.
     pub causes: FaultSet,
     /// Causes that are present now.
     pub present: FaultSet,
@@ -196,7 +196,7 @@ pub struct Status {
 }
 
 impl Status {
-    /// Checks all conditions of `arm`, except one: flash that is being written.
+    /// Checks all conditions of `arm`, except whether flash is being written.
     ///
     /// # Errors
     /// The first condition that is not fulfilled.

@@ -1,9 +1,9 @@
 //! Sign test: a small force must move the count the right way. Otherwise the wall would pull.
 //!
-//! The handle may drift, hang from a spring or touch a stop. So the force acts away from the wall, twice towards it,
-//! and away again, a quarter of the time each. The result is the fourth difference of the count. A steady speed, a
-//! steady outside force and a steadily changing outside force cancel in it. The handle ends at its first position, with
-//! its first speed.
+//! The handle may drift, hang from a spring or touch a stop. So the test has four quarters of equal length. The force
+//! acts away from the wall, towards the wall for two quarters, and away again. The result is the fourth difference of
+//! the count. A steady speed, a steady outside force and a steadily changing outside force cancel in this difference.
+//! The handle ends at its first position, with its first speed.
 //!
 //! ```text
 //! count      x0      x1      x2      x3      x4

@@ -1,6 +1,6 @@
 //! Computes the speed from the counts of each millisecond. The velocity that the task `sample` checks is late by the
 //! estimator's delay, half a second at a cutoff of 0.4 Hz. If outputs are closer than a millisecond, the counts of a
-//! whole millisecond are used. A single count between two outputs would be too large a part of the limit.
+//! whole millisecond are used. In a shorter time a single count would be too large a part of the limit.
 
 #![deny(clippy::float_arithmetic)]
 

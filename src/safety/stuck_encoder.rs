@@ -1,9 +1,9 @@
 //! Finds a push without motion. In free motion this is the only sign of a dead encoder.
 //!
-//! There are two checks, for a force above 10 % of full scale in one direction. First: the count has moved at all in
-//! the last 50 ms. Second: in each span of 50 ms it has moved as far as the heaviest believable handle would. The
-//! second check finds an encoder that drifts, or follows only a part of the motion. The heaviest handle is a mass and a
-//! damper, at rest when the push begins. The acting force, less 10 % for friction, moves it:
+//! There are two checks, for a force above 10 % of full scale in one direction. First check: the count has moved at all
+//! in the last 50 ms. Second check: in each span of 50 ms the count has moved as far as the heaviest believable handle
+//! would move. The second check finds an encoder that drifts, or follows only a part of the motion. The heaviest handle
+//! is a mass and a damper, at rest when the push begins. The acting force, less 10 % for friction, moves it:
 //! `v += (f - 10 %) T^2 / (m r) - v T b / m`, `x += v`, in counts and outputs.
 //!
 //! A handle that a person holds still is also a push without motion. In contact there is no check, because there the
@@ -35,7 +35,7 @@ pub(super) struct StuckEncoder {
 /// Range of the count since a watch began.
 #[derive(Clone, Copy, Debug, Default)]
 struct Watched {
-    /// Outputs since then. 0: not watching.
+    /// Outputs since the watch began. 0: no watch.
     outputs: u32,
     lowest: Position,
     highest: Position,

@@ -1,10 +1,11 @@
 //! A numbered request that no flipped bit can forge.
 
-/// The upper half is a number of 16 bits, the lower half its complement. A number other than the last one is a request.
+/// The upper half is a number of 16 bits, the lower half its complement. A number that differs from the last number is
+/// a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Token(u32);
 
-/// The bits by which a [`Token`] is turned. With them it is turned back without a branch.
+/// The bits by which a [`Token`] is turned. With these bits a token is turned back without a branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Turn(u32);
 
@@ -35,15 +36,15 @@ impl Token {
     }
 
     /// Whether this token requests something new after `last`. Between two valid tokens both halves differ in the same
-    /// bits. A flipped bit in one of them makes a difference in one half only.
+    /// bits. A flipped bit in a token makes a difference in one half only.
     #[inline(always)]
     pub const fn asks_after(self, last: Self) -> bool {
         let differs = self.0 ^ last.0;
         self.number() != last.number() && differs == differs.rotate_right(16)
     }
 
-    /// This token with the number in place of the complement. It is no request and equals no request. To turn it again
-    /// restores the token.
+    /// This token with the number in place of the complement. The result is no request and equals no request. A second
+    /// turn restores the token.
     #[must_use]
     #[inline(always)]
     pub const fn turned(self) -> Self {
@@ -63,7 +64,7 @@ impl Token {
         if self.is_turned() { Turn::HALF } else { Turn::NONE }
     }
 
-    /// Whether it was turned: its halves are equal.
+    /// Whether this token is turned: its halves are equal.
     #[inline(always)]
     pub const fn is_turned(self) -> bool {
         self.0 == self.0.rotate_right(16)
@@ -103,7 +104,7 @@ mod tests {
         assert_eq!(token.number(), (NUMBERS + 1) & 0xFFFF);
     }
 
-    /// Memory that holds no token requests nothing either.
+    /// If the memory contains no valid token, nothing is requested.
     #[test]
     fn a_word_of_equal_bits_asks_for_nothing() {
         for bits in [0, u32::MAX] {

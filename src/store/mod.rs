@@ -1,11 +1,11 @@
 //! Settings in flash that survive a power cut at any moment.
 //!
-//! Two sectors hold records of a fixed length, one after another. A save appends a record. The newest valid record
-//! counts. If a sector is full, the other one is erased, and the next record goes there. So the sector with the newest
-//! record is never erased. A record is valid only if its last word is its right CRC. So a record that was cut short
-//! does not count, and its slot is not used again. If an estimator has more parameters than a record can hold, the
-//! others are in a further record. The further record is written before the main record, and counts only together with
-//! it.
+//! Two sectors hold records of a fixed length, one after another. A save appends a record. The newest valid record is
+//! used. If a sector is full, the other sector is erased, and the next record goes there. So the sector with the newest
+//! record is never erased. A record is valid only if its last word is its right CRC. So a record that was cut short is
+//! ignored, and its slot is not used again. If a record has no room for all parameters of an estimator, the remaining
+//! parameters are in a further record. The further record is written before the main record, and is valid only together
+//! with the main record.
 //!
 //! A sector of 16 KiB takes 93 saves. 10 000 erases of both sectors are 1.8 million saves. Writing flash stalls the
 //! processor (16 us a word, up to 0.5 s an erase), so save only with the force off.
@@ -172,7 +172,7 @@ struct Content {
     damaged_behind: u32,
     /// Number of damaged slots that once held a record.
     records: u32,
-    /// First slot after all that were ever written.
+    /// First slot after all slots that were ever written.
     free: usize,
 }
 
@@ -181,7 +181,7 @@ fn scan<F: NorFlash>(flash: &mut F, sector: Sector) -> Content {
     let mut before = None;
     for n in 0..slots::<F>() {
         let (mut found, of_before) = (slot(flash, sector, n), before.take());
-        // useless without the record after it
+        // a further record is useless without the main record after it
         if let Slot::Further(sequence, further) = found {
             before = Some((sequence, further));
         }
@@ -232,8 +232,8 @@ fn newest<F: NorFlash>(flash: &mut F) -> (Sector, Option<(u32, Stored)>, [Conten
 
 /// Slots that were damaged after the newest record was written, by a save or an erase that was cut short.
 ///
-/// If the other sector has valid records, it was filled before the active one, so its damage is old. If it has only
-/// words of another program, it was not in use yet.
+/// If the other sector has valid records, this sector was filled before the active sector, so its damage is old. If the
+/// other sector has only words of another program, it was not in use yet.
 fn damaged_later(active: &Content, other: &Content) -> u32 {
     active.damaged_behind + if is_half_erased(other) { other.records } else { 0 }
 }
@@ -260,7 +260,7 @@ pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
     Loaded { stored, source, damaged }
 }
 
-/// Whether a value is NaN. NaN is not saved: no console gives one, and it would not equal its copy.
+/// Whether a value is NaN. NaN is not saved: no console gives a NaN, and a NaN would not equal its copy.
 fn has_nan(stored: &Stored) -> bool {
     let same = *stored;
     same != *stored
@@ -290,7 +290,7 @@ pub fn save<F: NorFlash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveEr
     };
     let end = Sector::B.start::<F>();
     let (sector, slot) = if found.is_none() && content.damaged + other.damaged > 0 {
-        // Nothing must be kept. Old words would count as newer than this record.
+        // Nothing must be kept. Old words would be taken for a newer record.
         [0, end].into_iter().try_for_each(|start| flash.erase(start, start + end))?;
         (Sector::A, 0)
     } else if content.free + needed <= count && !is_half_erased(&other) {

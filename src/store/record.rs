@@ -119,8 +119,8 @@ pub struct Signs {
 /// Flash words of a record.
 pub const RECORD_WORDS: usize = 44;
 
-/// Settings that do not fit into a record: the estimator's parameters after the second one, and a limit of the force's
-/// RMS. A further record, just before the main record, has them.
+/// Settings that do not fit into a record: the estimator's parameters after the second parameter, and a limit of the
+/// force's RMS. A further record, just before the main record, has them.
 pub(super) type Further = [f64; FURTHER + 1];
 const KEPT: usize = 2;
 const FURTHER: usize = PARAMETERS - KEPT;
@@ -161,7 +161,7 @@ fn whole(low: u32, high: u32) -> f64 {
     f64::from_bits(u64::from(low) | u64::from(high) << 32)
 }
 
-/// These words, then zeros. The last word is a CRC over the others.
+/// These words, then zeros. The last word is a CRC over all other words.
 fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
     let mut words = [0; RECORD_WORDS];
     let [places @ .., check] = &mut words;
@@ -172,9 +172,9 @@ fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
     words
 }
 
-/// Whether these words look like a damaged record: three of the first four bytes are right. Other words look so with a
-/// probability of one in four million. A valid record of another layout, or with an estimator that this image lacks,
-/// belongs to another image and does not count.
+/// Whether these words look like a damaged record: three of the first four bytes are right. Words of another kind look
+/// like this with a probability of one in four million. A valid record of another layout, or with an estimator that
+/// this image lacks, belongs to another image and is not damaged.
 pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     let [body @ .., check] = words;
     if crc::of_words(body) == *check {
@@ -186,7 +186,7 @@ pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     right.into_iter().filter(|&right| right).count() >= 3
 }
 
-/// Sequence number and content of a further record, if these words are one.
+/// Sequence number and content of a further record, if these words are a further record.
 pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Further)> {
     let [body @ .., check] = words;
     let [HEAD_FURTHER, sequence, numbers @ ..] = body else { return None };
@@ -226,7 +226,7 @@ impl Stored {
         self
     }
 
-    /// The settings as words. The last word is a CRC over the others.
+    /// The settings as words. The last word is a CRC over all other words.
     pub fn to_words(&self, sequence: u32) -> [u32; RECORD_WORDS] {
         let (estimator, parameters) = EstimatorName::of(&self.settings.velocity);
         let wall = &self.settings.wall;

@@ -172,7 +172,7 @@ fn nor_does_one_where_flash_is_programmed_in_wider_units() {
 fn cut_everywhere<const UNIT: usize>() {
     let (record, sector) = (4 * RECORD_WORDS / UNIT, 4 * WORDS / UNIT);
     let mut cases = 0;
-    // 1: first save ever; 2, 3: within a sector; 4, 7, 10: with an erase of the other one
+    // 1: first save ever; 2, 3: within a sector; 4, 7, 10: with an erase of the other sector
     for saves in 1..=10 {
         let mut before = Mock::<UNIT>::new();
         for n in 1..saves {
@@ -230,7 +230,7 @@ fn of_many_parameters(n: f64) -> Stored {
     stored
 }
 
-/// A further record stands before its main record, and counts only together with it.
+/// A further record is written before its main record, and is valid only together with the main record.
 #[test]
 #[cfg(feature = "estimators")]
 #[cfg_attr(miri, ignore = "thousands of saves")]
@@ -300,7 +300,7 @@ fn every_flipped_byte_of_every_record_is_found() {
         for n in 1..=saves {
             save(&mut good, &stored(f64::from(n))).unwrap();
         }
-        // the newest record: the last of A, or the first of B
+        // the newest record: the last record of A, or the first record of B
         let first = if saves == 4 { WORDS } else { (usize::from(saves) - 1) * RECORD_WORDS };
         for byte in (0..4 * RECORD_WORDS).step_by(STRIDE) {
             for flip in (1..=u8::MAX).step_by(STRIDE) {
@@ -326,7 +326,7 @@ fn damage_in_older_records_is_counted_and_changes_nothing() {
     assert_eq!((stiffness(&loaded), loaded.source, loaded.damaged), (2.0, Source::Newest, 1));
 }
 
-/// Otherwise every boot would report that the newest copy is damaged.
+/// Without the new copy every boot would report that the newest copy is damaged.
 #[test]
 fn the_same_settings_are_written_anew_after_an_erase_that_was_cut_short() {
     let mut flash = Mock::<4>::new();
@@ -360,7 +360,8 @@ fn what_another_program_has_left_is_nothing_saved_and_does_not_stay() {
     }
 }
 
-/// Beside a sector with our own records, the newest of these records counts.
+/// One sector has words of another program. The other sector has our own records, and the newest of these records is
+/// used.
 #[test]
 fn nor_is_it_damage_beside_what_was_saved() {
     let mut flash = Mock::<4>::new();

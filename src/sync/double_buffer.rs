@@ -1,9 +1,10 @@
 //! Gives the newest value from a task to a task that preempts it: two buffers, and a pointer to the valid one.
 //!
-//! The reader only takes a reference: no copy, no check, one load. This is sound only because the reader preempts the
-//! writer on a single core. For the writer a whole pass of the reader takes no time. If the pass comes before the
-//! pointer changes, it sees the old buffer. If it comes after, it sees the new one. The writer never writes the valid
-//! buffer. For the same reason only the compiler must keep the order of the stores.
+//! The reader only takes a reference: no copy, no check, one load. Without a lock, this is sound only because the
+//! reader preempts the writer on a single core. The writer stands still during a whole pass of the reader. If the pass
+//! comes before the pointer changes, the reader sees the old buffer. If the pass comes after the change, the reader
+//! sees the new buffer. The writer never writes the valid buffer. Because there is a single core, only the compiler
+//! must keep the order of the stores.
 
 use core::{
     cell::UnsafeCell,
@@ -19,14 +20,14 @@ use core::{
 
 use super::Static;
 
-/// Two buffers. One of them holds the newest `T`.
+/// Two buffers. One buffer has the newest `T`.
 pub struct DoubleBuffer<T> {
     buffers: [UnsafeCell<MaybeUninit<T>>; 2],
     /// The valid buffer; null before `split`. Only the writer stores it.
     newest: AtomicPtr<T>,
 }
 
-// SAFETY: see the module. The valid buffer is only read, the other one is only written, each by one task.
+// SAFETY: see the module. One task only reads the valid buffer. One task only writes the other buffer.
 unsafe impl<T: Send + Sync> Sync for DoubleBuffer<T> {}
 
 pub struct DoubleBufferWriter<T: 'static>(&'static DoubleBuffer<T>);
@@ -50,7 +51,7 @@ impl<T: Copy> DoubleBuffer<T> {
         let buffer = P::place();
         while !buffer.newest.load(Relaxed).is_null() {} // before any output is on
         let first = buffer.buffers[0].get();
-        // SAFETY: there is no reader or writer yet, and nobody else has got this far.
+        // SAFETY: there is no reader or writer yet, and no other call has got this far.
         let first = unsafe { (*first).write(value) };
         buffer.newest.store(first, Relaxed);
         (DoubleBufferWriter(buffer), DoubleBufferReader(PhantomData))
@@ -58,7 +59,8 @@ impl<T: Copy> DoubleBuffer<T> {
 }
 
 impl<T: Copy + 'static> DoubleBuffer<T> {
-    /// The valid value, for a task below the writer. `None` if the writer published one during the copy.
+    /// The valid value, for a task of lower priority than the writer. `None` if the writer published a new value during
+    /// the copy.
     pub fn look<P: Static<Self>>() -> Option<T> {
         let buffer = P::place();
         let newest = buffer.newest.load(Relaxed);

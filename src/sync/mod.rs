@@ -2,7 +2,7 @@
 
 #![allow(unsafe_code)]
 
-/// Names a static `T`. Code that knows the type has its address as a constant, and loads no pointer to it.
+/// Names a static `T`. The address of the static is a constant in code that knows the type. Such code loads no pointer.
 pub trait Static<T: 'static>: 'static {
     /// The static. Always the same one.
     fn place() -> &'static T;

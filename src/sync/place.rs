@@ -1,9 +1,10 @@
-//! The memory of a task. A task that it preempts may copy a part of it, at no cost for the owner.
+//! The memory of a task. A task that it preempts may copy a part of the memory. The owner does nothing for this copy.
 //!
-//! The owner works in its place and ignores the viewer. This is sound only because the owner preempts the viewer on a
-//! single core. For the viewer a whole pass of the owner takes no time. Between two passes nobody holds a reference.
-//! Each pass counts up a number. If a pass comes during a copy, this number differs before and after the copy. Then the
-//! viewer copies again. Passes are far apart (a sample), so this happens at most once.
+//! The owner works in its place and ignores the viewer. Without a lock, this is sound only because the owner preempts
+//! the viewer on a single core. The viewer stands still during a whole pass of the owner. Between two passes no
+//! reference to the data exists. Each pass counts up a number. If a pass comes during a copy, this number differs
+//! before and after the copy. Then the viewer copies again. Passes are far apart (a sample), so this happens at most
+//! once.
 
 use core::{
     cell::UnsafeCell,
@@ -63,7 +64,7 @@ impl<S, R> Place<S, R> {
 }
 
 impl<P: Placed> Owner<P> {
-    /// Both ends, with this data in the place. Call it once: there is no second owner.
+    /// The owner's end and the viewer's end, with this data in the place. Call it once: there is no second owner.
     pub fn take(shown: P::Shown, rest: P::Rest) -> (Self, Viewer<P>) {
         let place = P::place();
         while place.taken.swap(true, Relaxed) {} // before any output is on

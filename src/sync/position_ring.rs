@@ -1,14 +1,14 @@
-//! Positions of the handle at the last samples. Experiments and telemetry need every one of them.
+//! Positions of the handle at the last samples. Experiments and telemetry need the position of every sample.
 //!
-//! `sample` writes without a check, at an index by the number of the sample. `render` follows, and `link` reads the
-//! positions for telemetry. A position is overwritten [`LENGTH`] samples later. If `render` is so late, it has already
-//! lost its output. `link` checks after reading.
+//! `sample` writes without a check, at an index by the number of the sample. `render` reads the positions later, and
+//! `link` reads them for telemetry. A position is overwritten [`LENGTH`] samples later. If `render` is late by so many
+//! samples, it has already lost its output. After reading, `link` checks that no position was overwritten.
 
 use core::sync::atomic::{AtomicI32, Ordering::Relaxed};
 
 use zwidth::units::Position;
 
-/// Stored samples. They are enough for a `link` that is late by all the outputs that wait for it.
+/// Stored samples. These are enough even if `link` is late by all outputs that can wait in its queue.
 const LENGTH: usize = 256;
 /// Most samples that `render` goes back.
 pub const FOLLOWED: usize = 32;
@@ -28,7 +28,7 @@ pub fn note(sample: u64, position: Position) {
 }
 
 /// Reads the positions of the samples up to `newest`, oldest first. `newest` must have been noted. The positions are
-/// right if [`is_kept`] is true for the oldest one after the reading.
+/// right if [`is_kept`] is true for the oldest position after the reading.
 pub fn read(newest: u64, places: &mut [Position]) {
     for (place_of, back) in places.iter_mut().rev().zip(0u64..) {
         let counts = place(newest.wrapping_sub(back)).load(Relaxed);

@@ -1,9 +1,9 @@
 //! Gives the newest value from a task to a task that it preempts: one buffer, and a number that changes with every
 //! value.
 //!
-//! The writer only stores and numbers. This is sound only because the writer preempts the reader on a single core. So
-//! the reader never sees a half-written value. But a whole write may come during its copy. Then the number has changed,
-//! and the reader copies again. Writes are far apart (a sample), so this happens at most once.
+//! The writer only stores and numbers. Without a lock, this is sound only because the writer preempts the reader on a
+//! single core. So the reader never sees a half-written value. But a whole write may come while the reader copies. Then
+//! the number has changed, and the reader copies again. Writes are far apart (a sample), so this happens at most once.
 
 use core::{
     cell::UnsafeCell,
@@ -40,7 +40,7 @@ pub struct SeqlockReader<T: 'static> {
 }
 
 impl<T: Copy> Seqlock<T> {
-    /// A seqlock with a value that counts as read, and the number `u32::MAX`.
+    /// A seqlock with a value that is marked as read, and the number `u32::MAX`.
     pub const fn new(value: T) -> Self {
         Self {
             taken: AtomicBool::new(false),
@@ -74,7 +74,7 @@ impl<T: Copy, P: Static<Seqlock<T>>> SeqlockWriter<T, P> {
         unsafe { (*P::place().value.get()).assume_init_mut() }
     }
 
-    /// Makes the stored value the newest one. `number` must differ from the last value's.
+    /// Makes the stored value the newest value. `number` must differ from the last value's.
     #[inline(always)]
     pub fn publish(&mut self, number: u32) {
         compiler_fence(Release);

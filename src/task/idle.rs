@@ -11,8 +11,8 @@ use zwidth::{
 
 use crate::board::{self, Watchdog};
 
-/// The task `idle`. Only it feeds the watchdog, except while `link` writes flash or tests the board, with the force
-/// off. It also checks the image in flash.
+/// The task `idle`. Only this task feeds the watchdog, except while `link` writes flash or tests the board, with the
+/// force off. It also checks the image in flash.
 pub struct Idle {
     watchdog: Watchdog,
     /// Values of `rendered` and `links` when the watchdog was last fed.
@@ -35,7 +35,7 @@ impl Idle {
             self.fed = now;
         }
         if let Some(found) = self.pass.go_on() {
-            // `link` accepts only steps by the right checksum.
+            // `link` accepts this sum only if each pass adds the right checksum.
             self.checked = self.checked.wrapping_add(found);
             FLAGS.checked.store(self.checked, Relaxed);
             if found != RIGHT {

@@ -1,7 +1,7 @@
 //! `link`: pended by `render` with every output, priority 1. Moves data between the console and the probe link.
 //!
-//! The host may use a fifth of the time ([`Pace`]), one line a pass. Further bytes wait in the channel, and then at the
-//! host. Telemetry is not part of this fifth.
+//! Commands of the host may take a fifth of the time ([`Pace`]), one line per pass. Further bytes wait in the channel,
+//! and then at the host. Telemetry is not part of this fifth.
 
 use core::sync::atomic::Ordering::Relaxed;
 
@@ -109,7 +109,7 @@ fn log(line: &str) -> bool {
     board::log_dropped() == before
 }
 
-/// The task `link`. Only it and the logger send to the host.
+/// The task `link`. Only this task and the logger send to the host.
 pub struct Link {
     console: Console<Channels>,
     reports: Consumer<'static, Report, REPORTS>,
@@ -143,7 +143,7 @@ impl Link {
         Self { console, reports, pace: Pace::default(), passes: 0, image: PassWatch::default() }
     }
 
-    /// Handles the reports and bytes that came since the last pass. If it is late, `render` drops reports. Then the
+    /// Handles the reports and bytes that came since the last pass. If `link` is late, `render` drops reports. Then the
     /// telemetry has gaps in its samples.
     pub fn run(&mut self) {
         let (sample, checked) = (FLAGS.rendered.load(Relaxed), FLAGS.checked.load(Relaxed));

@@ -8,9 +8,9 @@
 //!           LoopParameters, GuardCommand            Order
 //! ```
 //! No task waits. `Report` and `Order` go through single-producer, single-consumer queues. Positions go through a
-//! [`position_ring`](crate::sync::position_ring). `link` reads the positions there too, and the sampler itself
-//! ([`Viewer`](crate::sync::Viewer)). Of all other values only the newest counts. `SampleReport` and `Guard` go up
-//! through [`Seqlock`](crate::sync::Seqlock). `LoopParameters` and `GuardCommand` go down through
+//! [`position_ring`](crate::sync::position_ring). `link` reads the positions there too. It also reads the sampler
+//! itself ([`Viewer`](crate::sync::Viewer)). Of all other values only the newest is needed. `SampleReport` and `Guard`
+//! go up through [`Seqlock`](crate::sync::Seqlock). `LoopParameters` and `GuardCommand` go down through
 //! [`DoubleBuffer`](crate::sync::DoubleBuffer).
 
 mod idle;

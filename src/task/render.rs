@@ -81,7 +81,7 @@ impl Sampling for ToSample {
     }
 }
 
-/// The task `render`. Only it writes the force output.
+/// The task `render`. Only this task writes the force output.
 pub struct Render {
     outputs: Outputs,
     ends: Ends,
@@ -131,10 +131,10 @@ impl Render {
         }
     }
 
-    /// Computes and writes the output for the newest due sample. Then it does everything that can wait until the force
-    /// is out.
+    /// Computes and writes the output for the newest due sample. Then does everything that can wait until the force is
+    /// written.
     ///
-    /// If it is late by a period, `sample` switches off, and the fault `late render` is latched.
+    /// If this output is late by a period, `sample` switches off, and the fault `late render` is latched.
     #[inline(always)]
     pub fn run(&mut self) {
         let Some(up) = self.ends.due.read() else { return };
@@ -168,12 +168,12 @@ impl Render {
         self.written.filter(|_| self.outputs.drive.is_on())
     }
 
-    /// Reads the board's inputs, and then the guard's findings. So if `sample` has cut, its reason is among the
-    /// findings.
+    /// Reads the board's inputs, and then the guard's findings. So if `sample` has switched off, the reason is among
+    /// the findings.
     #[inline(always)]
     fn sense(&mut self, up: &SampleReport) -> (Sensed, Guard) {
         let Outputs { drive, stop, supply, halts, .. } = &mut self.outputs;
-        // A halt is judged by the longest period at each output period. So the limit is a fixed time.
+        // Every output period uses the limit of the longest period for a halt. So the limit is a fixed time.
         let sensed = contract::sense(
             (self.written.is_some(), self.found),
             (up.motion.sample, LONGEST),
@@ -225,7 +225,7 @@ impl Render {
 
     /// Switches off at once if a number or register that decides about the force has changed. The next output reports
     /// the change. A late output leaves these checks to a later output. If a millisecond has passed since the last
-    /// check, all numbers and registers are checked. Outputs closer than that check numbers and registers in turn.
+    /// check, all numbers and registers are checked. Otherwise numbers and registers are checked alternately.
     #[inline(always)]
     fn check(&mut self, number: u32, was: Option<Written>) {
         let passed = number.wrapping_sub(self.checked);

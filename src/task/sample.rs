@@ -32,7 +32,7 @@ pub type CommandReader = DoubleBufferReader<GuardCommand, Sampling>;
 pub type ReportWriter = SeqlockWriter<SampleReport, Sampling>;
 pub type GuardWriter = SeqlockWriter<Guard, Sampling>;
 
-/// All data of a sample in one block. The code loads one address. Everything is at a constant distance from it.
+/// All data of a sample in one block. The code loads one address. All data are at constant distances from this address.
 #[repr(C)]
 struct Block {
     own: Place<GuardedSampler, Rest>,
@@ -134,7 +134,7 @@ impl Rest {
     }
 }
 
-/// The task `sample`. Only it reads the encoder.
+/// The task `sample`. Only this task reads the encoder.
 pub struct Sample(Owner<Sampling>);
 
 impl Sample {

@@ -4,7 +4,7 @@ use super::{Frame, Parts, Record, parts::kind};
 
 /// Finds the frames of both layouts in a stream that may begin anywhere and contain anything.
 ///
-/// After garbage it searches for the next frame at every byte. So only the damaged frame is lost.
+/// After garbage the decoder searches for the next frame at every byte. So only the damaged frame is lost.
 #[derive(Clone, Copy, Debug)]
 pub struct Decoder {
     window: [u8; Frame::LEN_MAX],
@@ -17,7 +17,7 @@ pub struct Decoder {
     before: usize,
     /// Number of frames so far.
     pub frames: u64,
-    /// Number of missing frames between them, by their sequence.
+    /// Number of frames that are missing in the stream, by the sequence numbers.
     pub dropped: u64,
     /// Bytes that belong to no frame.
     pub garbage: u64,
@@ -151,15 +151,16 @@ impl Decoder {
     fn count(&mut self, frame: &Frame) {
         self.frames += 1;
         let gap = self.next.map_or(0, |next| frame.sequence.wrapping_sub(next));
-        // If the sequence goes back, the board has started again. Four billion frames were not dropped.
+        // If the sequence goes back, the board has started again. This is more probable than four billion dropped
+        // frames.
         if gap < u32::MAX / 2 {
             self.dropped += u64::from(gap);
         }
         self.next = Some(frame.sequence.wrapping_add(1));
     }
 
-    /// Ends the stream. Call it until it returns `None`. The bytes of an unfinished frame are garbage too. A frame may
-    /// follow bytes that look like the start of a longer frame.
+    /// Ends the stream. Call this function until it returns `None`, because frames may follow bytes that only look like
+    /// the start of a longer frame. The bytes of an unfinished frame are garbage too.
     pub fn finish(&mut self) -> Option<Frame> {
         while self.filled > 0 {
             if let Some(frame) = self.pull() {
@@ -172,7 +173,7 @@ impl Decoder {
         None
     }
 
-    /// Drops bytes up to the next one that could begin a frame.
+    /// Drops bytes up to the next byte that could begin a frame.
     fn skip(&mut self) {
         let [first, second] = Frame::MAGIC;
         let may_start = |place: usize| {
@@ -184,9 +185,9 @@ impl Decoder {
         self.pass(start);
     }
 
-    /// Removes these bytes. The window must have them.
+    /// Removes this number of bytes. The window must have so many.
     fn pass(&mut self, bytes: usize) {
-        // `min` is for the compiler, which does not know that they are within the window.
+        // `min` is for the compiler, which does not know that `bytes` is within the window.
         self.window.copy_within(bytes.min(Frame::LEN_MAX).., 0);
         self.filled = self.filled.saturating_sub(bytes);
     }

@@ -35,7 +35,7 @@ const ESCAPE: i8 = i8::MIN;
 /// Longest state of an estimator, bytes: a window of 255 samples.
 pub const STATE_MAX: usize = 510;
 
-/// Settings in force, and their number in the records of their outputs.
+/// Settings in force, and the number of these settings in the records.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InForce {
     /// Number of the settings, as in [`Record::settings`].
@@ -57,7 +57,7 @@ pub struct Key {
     pub tuning: u16,
     /// Number of zeroings of the count so far; wraps.
     pub zeros: u16,
-    /// Position at this sample; 0 if the count was zeroed with it.
+    /// Position at this sample; 0 if the count was zeroed with this sample.
     pub position: Position,
     /// Velocity at this sample.
     pub velocity: Velocity,

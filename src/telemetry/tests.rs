@@ -76,7 +76,8 @@ fn drops_are_counted_across_the_wrap_and_a_restart_is_none() {
     assert_eq!((decoder.frames, decoder.dropped, decoder.garbage), (7, 2, 0));
 }
 
-/// The stream ends before the end of bytes that began like a long frame. The frames inside them are found, in order.
+/// Some bytes look like the start of a long frame, and the stream ends before the end of that frame. The frames inside
+/// these bytes are found, in order.
 #[test]
 fn frames_behind_the_beginning_of_a_long_one_that_never_ends_are_found() {
     let mut stream = [0; 40];
@@ -90,7 +91,7 @@ fn frames_behind_the_beginning_of_a_long_one_that_never_ends_are_found() {
     assert_eq!((decoder.frames, decoder.dropped, decoder.garbage), (2, 0, 42));
 }
 
-/// Frames in a stream. There are bytes of garbage before each.
+/// Frames in a stream. There are bytes of garbage before each frame.
 const PARTS: usize = if cfg!(miri) { 3 } else { 20 };
 const NOISE: usize = if cfg!(miri) { 8 } else { 90 };
 

@@ -9,17 +9,18 @@
 //! 1 the state consists of past inputs and outputs. So coefficients can change between two samples without a jump of
 //! the force.
 //!
-//! **Error feedback.** Rounding drops the part `e` of a sum. It is added to the next sums, either as `r = e[n-1]` or as
-//! `r = 2 e[n-1] - e[n-2]`. So the output error is `(1 - z^-1) e / A(z)` or `(1 - z^-1)^2 e / A(z)`. Both are 0 at DC:
-//! with a DC gain of exactly one, the sum of the outputs follows the sum of the inputs for ever. At other frequencies
-//! they differ. Low cutoffs put both poles near z = 1. There the first order leaves a gain of about `1 / w` (12 LSB RMS
-//! and limit cycles of 9 LSB at 0.3 .. 0.5 Hz and 10 kHz). The second order leaves 0.3 LSB RMS. High cutoffs have no
-//! such gain, and the second order would only amplify (1 LSB RMS at 4990 Hz against 0.55). The design chooses the order
-//! ([`Shaping`]) by the cutoff.
+//! **Error feedback.** Rounding drops the part `e` of a sum. The next sums get this part back, either as `r = e[n-1]`
+//! (first order) or as `r = 2 e[n-1] - e[n-2]` (second order). So the output error is `(1 - z^-1) e / A(z)` or
+//! `(1 - z^-1)^2 e / A(z)`. Both errors are 0 at DC: with a DC gain of exactly one, the sum of the outputs follows the
+//! sum of the inputs for ever. At other frequencies the two errors differ. At low cutoffs both poles are near z = 1.
+//! There the first order leaves a gain of about `1 / w` (12 LSB RMS and limit cycles of 9 LSB at 0.3 .. 0.5 Hz and 10
+//! kHz). The second order leaves 0.3 LSB RMS. At high cutoffs there is no large gain, and the second order would only
+//! amplify the error: at 4990 Hz it leaves 1 LSB RMS, the first order 0.55. The design chooses the order ([`Shaping`])
+//! by the cutoff.
 //!
-//! The direct forms of `idsp` compute the same products. But its first-order form wraps at an overshoot at full scale,
-//! where this filter must saturate. Its wide form truncates, and so has a bias at DC. `docs/theory.md` has the numbers.
-//! Coefficients are `dsp-fixedpoint` values.
+//! The direct forms of `idsp` compute the same products. But the first-order form of `idsp` wraps at an overshoot at
+//! full scale, where this filter must saturate. The wide form of `idsp` truncates, and so has a bias at DC.
+//! `docs/theory.md` has the numbers. Coefficients are `dsp-fixedpoint` values.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -49,8 +50,8 @@ pub enum Shaping {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Biquad {
     b: [Coefficient; 3],
-    /// `-a1` and `-a2`. With these signs five products and the residue are one sum. The Cortex-M4 adds it while it
-    /// multiplies.
+    /// `-a1` and `-a2`. With these signs, five products and the residue are summed without a subtraction. The Cortex-M4
+    /// adds while it multiplies.
     back: [Coefficient; 2],
     /// Mask for the second difference of the residue: -1 with it, 0 without it.
     second: i32,
@@ -79,7 +80,7 @@ impl Biquad {
         if self.second == 0 { Shaping::First } else { Shaping::Second }
     }
 
-    /// Filters one sample. It saturates before the feedback, so that an overload ends with its input. The state
+    /// Filters one sample. The output saturates before the feedback, so that an overload ends with its input. The state
     /// saturates one count per sample beyond [`Velocity`]. The error feedback of a speed at the limit needs this room.
     /// Otherwise the clipping would lower the mean.
     #[inline]
@@ -102,7 +103,8 @@ impl Biquad {
         // The sum of the magnitudes is below 2^63: the design keeps |b0| + |b1| + |b2| + |a1| + |a2| < 4.
         let [b0, b1, b2] = self.b;
         let [c1, c2] = self.back;
-        // Below 2^31 as written. A flipped bit may make it wrap. The sum then shows the bit.
+        // Below 2^31 as written. After a flipped bit the value may wrap. The check of the state's sum then finds the
+        // bit.
         let carried = i64::from(r1.wrapping_add(self.second & r1.wrapping_sub(r2)));
         let sum = b0 * x0 + b1 * x1 + b2 * x2 + c1 * y1 + c2 * y2;
         let total = sum.into_bits() + carried;
@@ -111,7 +113,7 @@ impl Biquad {
         let dropped = (total & ((1 << Self::FRACTION_BITS) - 1)) as i32;
         state.dropped = [dropped, r1];
         *seal = seal.wrapping_add([x0, dropped].sum());
-        // Saturation is hardly ever near, and one comparison shows that.
+        // The sum is hardly ever near saturation, and one comparison shows that.
         if upper.wrapping_add(NEAR).cast_unsigned() < 2 * NEAR.cast_unsigned() {
             #[expect(clippy::cast_possible_truncation, reason = "within 4 NEAR")]
             let y0 = (total >> Self::FRACTION_BITS) as i32;
@@ -137,8 +139,8 @@ const _: () = assert!(4 * (NEAR as i64) < Velocity::LIMIT_BITS as i64);
 pub struct BiquadState {
     x: [i32; 2],
     y: [i32; 2],
-    /// Parts that rounding down has dropped, 0 to 2^30. They are half an LSB more than the residue, so that the sum
-    /// already has the half for rounding.
+    /// Parts that rounding down has dropped, 0 to 2^30. Each part is the residue plus half an LSB, so that the sum
+    /// already contains the half for rounding.
     dropped: [i32; 2],
 }
 

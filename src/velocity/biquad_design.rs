@@ -9,23 +9,23 @@
 //! ```
 //!
 //! A slow motion leads by `g` and `h` samples, and lags by the poles' `P` and the difference's 1/2. With `lead = 0` the
-//! velocity is the velocity at the sample itself. The second zero is at `zero` in the z plane. At -1 it removes half
-//! the sample rate, as both zeros of a Butterworth low-pass do. At 0 there is no second zero. Above 0 it leads like the
-//! first one.
+//! velocity is the velocity at the sample itself. The second zero is at `zero` in the z plane. At -1 it suppresses half
+//! the sample rate, as both zeros of a Butterworth low-pass do. At 0 it has no effect. Above 0 it gives a lead, like
+//! the first zero.
 //!
-//! A cascade has two biquads. The second one gets a velocity, not a difference. So its lead does not contain the half
-//! sample.
+//! A cascade has two biquads. The input of the second biquad is a velocity, not a difference. So its lead does not
+//! contain the half sample.
 //!
 //! **Accepted values.** The first zero may be at -1 or above. The magnitudes of the coefficients add up to less than 4,
-//! so that no sum overflows for any counts. This bounds the lead of a low frequency.
+//! so that no sum overflows for any counts. This condition limits the lead if the frequency is low.
 
 use core::ops::RangeInclusive;
 
 use super::{Cascade, biquad::Biquad};
 use crate::range::{SettingsError, within};
 
-/// Lowest and highest accepted frequency of the poles, as a fraction of the sample rate. At the lowest, `S` has 51 LSB
-/// of 2^-30.
+/// Lowest and highest accepted frequency of the poles, as a fraction of the sample rate. At the lowest frequency, `S`
+/// has 51 LSB of 2^-30.
 pub const FREQUENCY: RangeInclusive<f64> = 3.5e-5..=0.2;
 /// Accepted damping ratios of the poles.
 pub const DAMPING: RangeInclusive<f64> = 0.02..=4.0;
@@ -57,7 +57,7 @@ impl BiquadDesign {
     ///
     /// # Errors
     /// Names the parameter that is out of range. The range of the zero follows from the poles. The range of the lead
-    /// follows from all others.
+    /// follows from all other parameters.
     pub fn new(
         frequency_hz: f64,
         damping: f64,
@@ -118,21 +118,22 @@ impl BiquadDesign {
         good
     }
 
-    /// Coefficients in LSB of 2^-30, with a DC gain of exactly one. All are within one LSB, but `b1` is within two.
+    /// Coefficients in LSB of 2^-30, with a DC gain of exactly one. The error is at most two LSB for `b1`, and at most
+    /// one LSB for every other coefficient.
     pub fn quantise(&self) -> Biquad {
         let one = 1i32 << Biquad::FRACTION_BITS;
         #[expect(clippy::cast_possible_truncation, reason = "below 2 in magnitude, so below 2^31")]
         let to_bits = |value: f64| libm::round(value * f64::from(one)) as i32;
         let [b0, _, b2] = self.b.map(to_bits);
         let (a2, dc_sum) = (to_bits(self.a[1]), to_bits(self.dc_sum));
-        // Both are within i32, because their values are below 2. An intermediate sum may not be.
+        // Both are within i32, because their values are below 2. An intermediate sum may be outside i32.
         let a1 = dc_sum.wrapping_sub(one).wrapping_sub(a2);
         let b1 = dc_sum.wrapping_sub(b0).wrapping_sub(b2);
         Biquad::new([b0, b1, b2], [a1, a2], self.frequency_per_rate < SECOND_ORDER_BELOW)
     }
 }
 
-/// Two biquads in series. Their leads add up.
+/// Two biquads in series. The lead of the cascade is the sum of both leads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CascadeDesign {
     /// The sections in their order.
@@ -141,7 +142,7 @@ pub struct CascadeDesign {
 
 impl CascadeDesign {
     /// A cascade from two sections: frequency, damping, lead in s, second zero. The first frequency is in Hz, the
-    /// second one relative to the first.
+    /// second frequency is relative to the first frequency.
     ///
     /// # Errors
     /// Names the parameter that is out of range.
@@ -244,7 +245,8 @@ mod tests {
         assert!(widest > 3.99, "{widest}");
     }
 
-    /// Poles and second zero are compared as roots. The delay is the mean of time, weighted by the impulse response.
+    /// Poles and second zero are compared as roots. The delay is the mean time of the impulse response, weighted by its
+    /// values.
     #[test]
     fn poles_zeros_and_lead_are_where_they_were_asked_for() {
         for (f, damping, lead_s, zero) in [

@@ -20,8 +20,8 @@
 //! `S = 2^30 (1 + a1 + a2)`, which is `2^30 w^2` rounded to an integer. The damping stays, so the response tilts as
 //! well as shifts. With `S >= 51` the relative error `1 / (2 S)` is below 1 %.
 //!
-//! Pre-warping reaches half the rate only in a limit in which the coefficients add up to 8. With these the accumulator
-//! would overflow. So pre-warped cutoffs end at [`PREWARPED_MAX`] of the rate.
+//! Pre-warping reaches half the rate only in a limit in which the coefficients add up to 8. Such a sum would overflow
+//! the accumulator. So pre-warped cutoffs end at [`PREWARPED_MAX`] of the rate.
 
 use core::{f64::consts::SQRT_2, ops::RangeInclusive};
 
@@ -34,10 +34,12 @@ pub const CUTOFF_MIN: f64 = 3.5e-5;
 pub const CUTOFF_MAX: f64 = 0.499;
 /// Highest accepted cutoff with pre-warping, as a fraction of the sample rate.
 pub const PREWARPED_MAX: f64 = 0.38;
-/// Accepted quality factors. Up to the highest one the coefficients' magnitudes add up to less than 4 at every cutoff.
+/// Accepted quality factors. Up to the highest quality factor, the magnitudes of the coefficients add up to less than 4
+/// at every cutoff.
 pub const QUALITY: RangeInclusive<f64> = 0.3..=2.0;
-/// Above this fraction of the sample rate the first order of error feedback is quieter, to 1 % (the two are equal at
-/// 0.0655). There both leave 0.36 LSB RMS, by the sum of the squared impulse responses of `(1 - z^-1)^k / A(z)`.
+/// Above this fraction of the sample rate the first order of error feedback is quieter, to 1 % (both orders are equal
+/// at 0.0655). There both orders leave 0.36 LSB RMS, by the sum of the squared impulse responses of
+/// `(1 - z^-1)^k / A(z)`.
 const SECOND_ORDER_BELOW: f64 = 0.064;
 
 /// Frequency at which the unquantised digital filter is at -3 dB, in Hz.
@@ -61,7 +63,7 @@ fn digital_frequency(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<f64,
     Ok(if prewarp { prewarped(angle) } else { angle })
 }
 
-/// Not inlined. Otherwise every cutoff would need the stack of `tan`.
+/// This function is not inlined. Otherwise every cutoff would need the stack of `tan`.
 #[inline(never)]
 fn prewarped(angle: f64) -> f64 {
     2.0 * libm::tan(angle / 2.0)
@@ -111,9 +113,9 @@ impl ButterworthDesign {
 
     /// The coefficients in LSB of 2^-30, with a DC gain of exactly one.
     ///
-    /// `a2` is rounded. The DC sum `S` is rounded from `4 b0`, where nothing cancels. `a1` is the rest. The numerator
-    /// is split so that it adds up to `S`. So `a2` is within half an LSB, `a1` and `b0` are within one, and `b1` is
-    /// within two.
+    /// `a2` is rounded. The DC sum `S` is rounded from `4 b0`, where nothing cancels. `a1` follows from `S` and `a2`.
+    /// The numerator is split so that its coefficients add up to `S`. So the error of `a2` is at most half an LSB, of
+    /// `a1` and `b0` one LSB, and of `b1` two LSB.
     pub fn quantise(&self) -> Biquad {
         const ONE: i32 = 1 << Biquad::FRACTION_BITS;
         let scale = f64::from(ONE);
@@ -153,8 +155,8 @@ impl FirstOrder {
         Self { b0: w / (2.0 + w), a1: (w - 2.0) / (2.0 + w) }
     }
 
-    /// The coefficients in LSB of 2^-30, with a DC gain of exactly one. Each is within one LSB. Its pole needs no
-    /// second order of error feedback at any cutoff.
+    /// The coefficients in LSB of 2^-30, with a DC gain of exactly one. The error of each coefficient is at most one
+    /// LSB. The single pole needs no second order of error feedback at any cutoff.
     pub fn quantise(&self) -> Biquad {
         const ONE: i32 = 1 << Biquad::FRACTION_BITS;
         #[expect(clippy::cast_possible_truncation, reason = "2 b0 < 2")]
@@ -194,9 +196,10 @@ impl Biquad {
 
     /// Frequency at which the filter with its quantised coefficients is at -3 dB, in Hz.
     ///
-    /// With `s = sin^2(w/2)` both magnitudes are polynomials in `s`. Their coefficients are exact integers, so nothing
-    /// cancels at low cutoffs. The polynomials are `|N|^2 = (S - 4 b0 s)^2` and `|D|^2 = S^2 - 4 P s + 16 Q s^2`, with
-    /// `P = a1 (1 + a2) + 4 a2` and `Q = a2`. The condition `2 |N|^2 = |D|^2` is a quadratic equation.
+    /// With `s = sin^2(w/2)` the squared magnitudes of numerator N and denominator D are polynomials in `s`. Their
+    /// coefficients are exact integers, so nothing cancels at low cutoffs. The polynomials are `|N|^2 = (S - 4 b0 s)^2`
+    /// and `|D|^2 = S^2 - 4 P s + 16 Q s^2`, with `P = a1 (1 + a2) + 4 a2` and `Q = a2`. The condition
+    /// `2 |N|^2 = |D|^2` is a quadratic equation.
     pub fn cutoff_hz(&self, rate_hz: f64) -> f64 {
         let [b0, b1, b2, a1, a2] = self.bits().map(i128::from);
         let one = 1i128 << Biquad::FRACTION_BITS;

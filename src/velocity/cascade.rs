@@ -1,7 +1,7 @@
 //! Two biquads in series behind the finite difference: four poles and four zeros.
 //!
 //! The output of the first section is a [`Velocity`], rounded with its own error feedback. So nothing is lost between
-//! the two at rest and at a constant speed. [`CascadeDesign`](super::CascadeDesign) has the equations.
+//! the two sections at rest and at a constant speed. [`CascadeDesign`](super::CascadeDesign) has the equations.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 

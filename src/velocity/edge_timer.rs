@@ -1,29 +1,30 @@
 //! Edge times from a timer that captures the encoder's edges.
 //!
 //! First the encoder's counter is read, then the capturing timer's count, then its captures. Counter and timer see the
-//! same edges through the same filter, at the same time. This file makes an [`Edge`] from them.
+//! same edges through the same filter, at the same time. This file makes an [`Edge`] from the three readings.
 //!
-//! **Which edge.** An edge may come between the readings. Then the count does not have it. An edge that is newer than
-//! the timer's reading does not belong to this sample. An edge that is hardly older ([`CLOSE`]) may not belong to it
-//! either. A and B alternate. So the direction, and whether the count is odd, give the channel of the last edge in the
-//! count. Edges without any doubt teach which channel this is, and each of them teaches it again. Before the first such
-//! edge, a count that has moved is taken to have the edge. An edge that is not in the count waits for the next count.
+//! **Which edge.** An edge may come between the readings. Then the count does not include this edge. An edge that is
+//! newer than the timer's reading does not belong to this sample. An edge that is hardly older ([`CLOSE`]) may not
+//! belong to it either. A and B alternate. So the channel of the last edge in the count follows from the direction, and
+//! from whether the count is odd. The code learns from every edge without doubt which channel belongs to which case.
+//! Before the first edge without doubt, the code assumes that a count that has moved includes the edge. An edge that is
+//! not in the count waits for the next count.
 //!
 //! **No edge** since the last sample: the old edge is older by exactly one sample. The timer wraps after a few samples,
 //! so its count alone cannot give this age.
 //!
 //! **Age.** Samples are taken at equal intervals, except for some cycles of the processor. One reading sets the phase
-//! of all samples, and ages refer to this phase. So an estimator works with the nominal sample, without jitter. Only
-//! the age of an edge between the nominal and the true reading is wrong, by at most their distance. It is cut to 0, or
-//! to one sample with the next count. A reading that is more than [`CLOSE`] ticks off sets the phase again. This is
-//! needed because the first readings come when the program is ready, and a delayed one must not set the phase for the
-//! others.
+//! of all samples, and ages refer to this phase. So an estimator works with the nominal times of the samples, without
+//! jitter. Only the age of an edge between the nominal and the true reading is wrong, by at most the distance of the
+//! two readings. This age is cut to 0, or to one sample with the next count. A reading that differs from the phase by
+//! more than [`CLOSE`] ticks sets the phase again. This is needed because the first readings come when the program is
+//! ready. A delayed first reading must not set the phase for all later readings.
 //!
 //! **Error.** The age is wrong by less than a tick, and up to 2^-16 samples too short. A channel keeps only its last
-//! edge, and the direction is read after the count. So two cases lose the last edge of a count. In the first, the
-//! handle turns in a sample and an edge comes between the readings. In the second, two edges come between the readings.
-//! Then no edge is reported, and the estimator assumes half a count's time as the edge's age. One edge can be taken for
-//! another only if the handle turns twice in a sample, the second time between the readings.
+//! edge, and the direction is read after the count. So two cases lose the last edge of a count. In the first case, the
+//! handle turns in a sample and an edge comes between the readings. In the second case, two edges come between the
+//! readings. In both cases no edge is reported, and the estimator assumes half a count's time as the edge's age. The
+//! code mistakes one edge for another only if the handle turns twice in a sample, the second time between the readings.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -52,7 +53,7 @@ struct Captured {
     is_a: bool,
 }
 
-/// Makes edges from captures. The timer has `TICKS` per sample, and wraps at [`WRAP`](Self::WRAP).
+/// Makes edges from captures. The timer has `TICKS` ticks per sample, and wraps at [`WRAP`](Self::WRAP).
 #[derive(Clone, Copy, Debug)]
 pub struct EdgeTimer<const TICKS: u32> {
     count: u32,
@@ -60,7 +61,7 @@ pub struct EdgeTimer<const TICKS: u32> {
     phase: Option<u32>,
     /// An edge that came after the last count was read.
     waiting: Option<Captured>,
-    /// Channel, oddness and direction of a count's last edge, combined. It is the same for all edges.
+    /// Channel, oddness and direction of a count's last edge, combined. The combination is the same for all edges.
     turns: Option<bool>,
     latest: Option<Edge>,
 }
@@ -141,7 +142,7 @@ impl<const TICKS: u32> EdgeTimer<TICKS> {
         let seen = |since: u32| (since < Self::WRAP - TICKS).then_some(since);
         let a_side = a.map(|(at, since)| (Captured { at, is_a: true }, seen(since)));
         let b_side = b.map(|(at, since)| (Captured { at, is_a: false }, seen(since)));
-        // Captures after `now` are almost a whole turn old. A shift puts all in order.
+        // Captures after `now` are almost a whole turn old. A shift puts all captures in order.
         let age = |side: Option<(u16, u32)>| {
             side.map_or(u32::MAX, |(_, since)| (since + TICKS) % Self::WRAP)
         };
@@ -313,7 +314,8 @@ mod tests {
         assert_eq!(bench.sample(45_000, 3), Some(Edge { age: age(8_998), up: false }));
     }
 
-    /// The same, but the direction is read after the turn. The edge must not be taken for the edge before it.
+    /// A turn at a border between the readings, but the direction is read after the turn. The edge must not be taken
+    /// for the edge before it.
     #[test]
     fn a_turn_between_the_readings_is_noticed() {
         let edges = [10_000, 20_000, 27_500, 30_000, 33_000].map(|tick| (tick, true));
@@ -331,7 +333,8 @@ mod tests {
     const LENGTH_MAX: usize = if cfg!(miri) { 8 } else { 200 };
 
     proptest! {
-        /// For any motion that does not turn near a reading, the edge is the edge of the count, to the tick.
+        /// For any motion that does not turn near a reading, the reported edge is the last edge of the count, exact to
+        /// the tick.
         #[test]
         fn the_edge_is_the_last_one_in_the_count(
             legs in prop::collection::vec((8..SPACING_MAX, 1..LENGTH_MAX, any::<bool>()), 1..8),
@@ -366,7 +369,7 @@ mod tests {
                     } else {
                         last.map(|(edge, up)| Edge { age: age(nominal.saturating_sub(edge)), up })
                     };
-                    // before the first edge without doubt, one of several may be wrong
+                    // before the first edge without doubt, a reported edge may be wrong
                     let clear = |&(edge, _): &(u64, bool)| edge + 64 < at || edge > at + 2 * gap;
                     let new = last.is_some_and(|(edge, _)| edge > before + 2 * gap);
                     learnt |= new && bench.edges.iter().all(clear);

@@ -46,9 +46,10 @@ impl Form for Fir {
         History::take_last(u8::try_from(self.window).unwrap_or(u8::MAX), rest)
     }
 
-    /// The error against the exact weighted sum has two parts. One is at most half an LSB. The other is, for each
-    /// weight, its rounding error times the magnitude of its difference. A rounding error is at most 2^-31. The largest
-    /// weight has the rounding errors of all weights together. At constant speed the sum is exact.
+    /// The error against the exact weighted sum has two parts. The first part is at most half an LSB. The second part
+    /// is the sum, over all weights, of the weight's rounding error times the magnitude of its difference. A rounding
+    /// error is at most 2^-31, except for the largest weight: it gets the rounding errors of all weights. At constant
+    /// speed the sum is exact.
     #[inline]
     fn step(&self, history: &mut History, difference: i32, _: &Senses) -> Velocity {
         history.push(difference);

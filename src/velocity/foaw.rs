@@ -1,5 +1,5 @@
 //! First-order adaptive windowing (Janabi-Sharifi, Hayward, Chen, IEEE TCST 8(6), 2000). The velocity is the slope over
-//! a window. The window is the longest one whose samples all lie within the noise of one line through the newest
+//! a window. The window is the longest window in which all samples lie within the noise of one line through the newest
 //! sample.
 //!
 //! With `s[j] = x[n] - x[n-j]`, the slope `v T` over a window of `i` samples is
@@ -10,9 +10,9 @@
 //! ```
 //!
 //! The best fit is the least-squares fit of the window's `i + 1` samples. Windows are tried from `i = 1` up. The first
-//! one with `|s[j] - j v T| > noise` for some `0 < j < i` ends the search, and the window before it is used. At
-//! constant speed the window has its largest length. If the handle accelerates, it shrinks to about `sqrt(8 noise / a)`
-//! samples, with `a` in counts per sample^2. The estimate is late by half the used window.
+//! window with `|s[j] - j v T| > noise` for some `0 < j < i` ends the search, and the window before it is used. At
+//! constant speed the window has its largest length. If the handle accelerates, the window shrinks to about
+//! `sqrt(8 noise / a)` samples, with `a` in counts per sample^2. The estimate is late by half the used window.
 //!
 //! At constant speed a noise of 1 count never shortens the window of the end fit. Then the error is below `1 / window`
 //! counts per sample. For the best fit, the checked line also passes through the newest sample, as in the published
@@ -20,8 +20,8 @@
 //!
 //! **Cost.** The literal search checks all samples of every window, so its cost is quadratic. But
 //! `|s[j] - j v T| <= noise` means that the slope lies between `(s[j] - noise) / j` and `(s[j] + noise) / j`. So it is
-//! enough to keep the largest lower bound and the smallest upper bound, in one pass. They are compared as fractions by
-//! cross-multiplication, which is exact. At the end there is one division, 32 bits wide.
+//! enough to keep the largest lower bound and the smallest upper bound, in one pass. The bounds are compared as
+//! fractions by cross-multiplication, which is exact. At the end there is one division, 32 bits wide.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -33,7 +33,7 @@ use crate::{
     units::Velocity,
 };
 
-/// Steps of the noise in a count. The noise has a resolution of 1/16 count.
+/// Steps of the noise per count: the noise is rounded to 1/16 count.
 const NOISE_STEPS: i32 = 16;
 /// A bound that no slope reaches, in steps of the noise. Its product with the longest window fits 32 bits.
 const FREE: i32 = 1 << 25;
@@ -68,7 +68,7 @@ impl Foaw {
     /// Largest accepted noise, counts.
     pub const NOISE_MAX: f64 = 1000.0;
 
-    /// Steps of the noise in a count.
+    /// Steps of the noise per count.
     pub const NOISE_STEPS: i32 = NOISE_STEPS;
     /// A bound that no slope reaches, in steps of the noise.
     pub const FREE: i32 = FREE;
@@ -98,9 +98,9 @@ impl Foaw {
         Ok(Self { best, window, noise })
     }
 
-    /// The slope over the longest window that fits, as a fraction. It is compiled in two forms, because the loop of the
-    /// end fit needs no sums and only 32 bits.
-    #[inline(always)] // called, its fraction goes through memory
+    /// The slope over the longest window that fits, as a fraction. The function is compiled in two forms, because the
+    /// loop of the end fit needs no sums and only 32 bits.
+    #[inline(always)] // in a call the fraction would go through memory
     fn slope<const BEST: bool>(&self, history: &History) -> (i32, NonZeroU32) {
         let mut low = Bound { number: -FREE, over: 1 };
         let mut high = Bound { number: FREE, over: 1 };

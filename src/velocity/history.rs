@@ -64,7 +64,8 @@ impl<const LENGTH: usize> Ring<LENGTH> {
         Some(ring)
     }
 
-    /// The ring after many samples at this velocity: the sums of its differences follow the velocity to within a count.
+    /// The ring after many samples at this velocity: the sum of its differences differs from the motion at this
+    /// velocity by at most a count.
     pub(super) fn at(velocity: Velocity) -> Self {
         const FRACTION: i32 = (1 << Velocity::FRACTION_BITS) - 1;
         let bits = velocity.bits();
@@ -78,7 +79,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
             rest &= FRACTION;
             *place = difference;
         }
-        // Each difference takes the remainder of all before it.
+        // Each difference takes the remainder of all earlier differences.
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_possible_wrap,

@@ -1,6 +1,7 @@
-//! Steady-state Kalman filter of a handle that noise moves. Two states are position and velocity. Three states also
-//! have the acceleration. An encoder measures the handle. Its rounding counts as white noise of
-//! `resolution / sqrt(12)` RMS (Belanger 1992; Belanger, Dobrovolny, Helmy, Zhang 1998).
+//! Steady-state Kalman filter. The model is a handle that noise moves. A filter with two states has position and
+//! velocity. A filter with three states also has the acceleration. An encoder measures the position. The encoder's
+//! rounding is modelled as white noise of `resolution / sqrt(12)` RMS (Belanger 1992; Belanger, Dobrovolny, Helmy,
+//! Zhang 1998).
 //!
 //! In counts and samples, with `r` the count less the predicted position:
 //!
@@ -24,8 +25,8 @@
 //! states, 0 with three states.
 //!
 //! **Fixed point.** The position is stored as its distance from the count, so that nothing wraps. At a constant speed
-//! `r` stays zero, for any rounding of the gains. The part that rounding drops from one output is added to the next.
-//! The rounding of the products leaves the mean velocity within 2^-23 counts per sample, which is 1/128 LSB.
+//! `r` stays zero, for any rounding of the gains. The part that rounding drops from one output is added to the next
+//! output. The rounding of the products leaves the mean velocity within 2^-23 counts per sample, which is 1/128 LSB.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -86,7 +87,7 @@ impl KalmanDesign {
         Self { alpha, beta, gamma: beta * beta / (2.0 * alpha) }
     }
 
-    /// The gains in integers, each with an error of at most 2^-31 of itself.
+    /// The gains in integers, each with a relative error of at most 2^-31.
     pub fn quantise(&self) -> Kalman {
         // 2^-32 and more by the limits of u
         let gain = |value| Gain::from_f64(value).unwrap_or_default();
@@ -107,7 +108,7 @@ const DROPPED_BITS: u32 = FRACTION_BITS - Velocity::FRACTION_BITS;
 /// Further fractional bits of the acceleration, because small gains change it only a little.
 const ACCELERATION_BITS: u32 = 12;
 const GAMMA: f64 = (1u32 << ACCELERATION_BITS) as f64;
-/// Largest distance from the count. The smallest gains leave less after a stop from full speed.
+/// Largest distance from the count. With the smallest gains, the distance after a stop from full speed is smaller.
 const DISTANCE_MAX: i64 = 1 << (28 + FRACTION_BITS);
 /// Largest velocity of the state: twice the largest output, for its overshoot.
 const VELOCITY_MAX: i64 = 1 << (16 + FRACTION_BITS);
@@ -134,7 +135,7 @@ pub struct KalmanState<W: Word = i64> {
     pub velocity: W,
     /// Acceleration, 2^-44 counts per sample^2.
     pub acceleration: W,
-    /// The part that rounding of the last output dropped.
+    /// The part that was dropped when the last output was rounded.
     pub residue: W::Fraction,
 }
 
@@ -148,7 +149,7 @@ impl Kalman {
 
 impl<G: Copy> Kalman<G> {
     /// Takes a move by `moved` counts. Returns the velocity, LSB.
-    #[inline(always)] // into what is compiled for a machine's vectors
+    #[inline(always)] // into the code that is compiled for vector instructions
     pub fn update<W: Word<Gain = G>>(&self, state: &mut KalmanState<W>, moved: W) -> W {
         let speed_up = state.acceleration.rounded(ACCELERATION_BITS);
         let ahead = state.velocity + (speed_up >> 1) - (moved << FRACTION_BITS);
@@ -158,7 +159,7 @@ impl<G: Copy> Kalman<G> {
             (state.velocity + speed_up - predicted.times(self.beta)).clamped(VELOCITY_MAX);
         state.acceleration =
             (state.acceleration - predicted.times(self.gamma)).clamped(ACCELERATION_MAX);
-        // with the part that rounding dropped before
+        // with the part that was dropped before
         let (nearest, residue) = state.velocity.plus(state.residue).split();
         state.residue = residue;
         nearest.clamped(Velocity::LIMIT_BITS.into())
@@ -246,7 +247,8 @@ mod tests {
         }
     }
 
-    /// Every intermediate is monotone in each argument (see [`crate::bounds`]), and each gain in the tuning.
+    /// Every intermediate is monotone in each argument (see [`crate::bounds`]), and each gain is monotone in the
+    /// tuning.
     #[test]
     fn no_step_overflows_at_any_corner_of_state_and_input() {
         let gain = |u: f64| KalmanDesign::of(u).quantise();

@@ -1,11 +1,11 @@
-//! The memory of an estimator. As bytes it is for a reader of telemetry, which continues from it. As a sum it is for
-//! `render`, which checks it.
+//! The memory of an estimator, as bytes and as a sum. A reader of telemetry continues from the bytes. `render` checks
+//! the sum.
 //!
-//! The bytes: least significant first, without padding, and only values that a later velocity depends on. So two states
-//! with the same bytes give the same velocities for the same counts.
+//! The bytes are in the order least significant first, without padding. They contain only values on which a later
+//! velocity depends. So two states with the same bytes give the same velocities for the same counts.
 //!
-//! The sum is the sum of the words, modulo 2^32. The estimator adds and subtracts its own changes. After a flipped bit
-//! the sum of the words differs from it.
+//! The sum is the sum of the words, modulo 2^32. The estimator adds and subtracts its own changes to a stored sum.
+//! After a flipped bit the sum of the words differs from the stored sum.
 
 use crate::units::Velocity;
 

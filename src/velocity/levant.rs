@@ -1,12 +1,12 @@
-//! Levant's robust exact differentiator (Automatica 34(3), 1998). A position `x` follows the count `p`. Its velocity
-//! has two terms: a square root and an integrated sign.
+//! Levant's robust exact differentiator (Automatica 34(3), 1998). A position `x` follows the count `p`. The velocity of
+//! `x` has two terms: a square root and an integrated sign.
 //!
 //! ```text
 //! x' = u,   u = u1 - lambda sqrt(|e|) sign(e),   u1' = -alpha sign(e),   e = x - p
 //! ```
 //!
-//! With `alpha > C >= |p''|` and without noise it is exact after a finite time. Usual values are `alpha = 1.1 C` and
-//! `lambda = sqrt(C)`. In counts and samples C becomes `c = C T^2 / resolution`.
+//! With `alpha > C >= |p''|` and without noise the differentiator is exact after a finite time. Usual values are
+//! `alpha = 1.1 C` and `lambda = sqrt(C)`. In counts and samples C becomes `c = C T^2 / resolution`.
 //!
 //! **Explicit Euler** uses the right sides at the sample:
 //!
@@ -14,7 +14,7 @@
 //! e = x - p,   u = u1 - lambda sqrt(|e|) sign(e),   x += u,   u1 -= alpha sign(e);   the estimate is u
 //! ```
 //!
-//! It never comes to rest: `e` jumps about zero, and so does the estimate (chattering).
+//! This form never comes to rest: `e` and the estimate jump about zero (chattering).
 //!
 //! **Implicit Euler** uses the right sides at the next sample, when `b = x + u1 - p` is known:
 //!
@@ -25,12 +25,13 @@
 //! the estimate is u1
 //! ```
 //!
-//! The second line of each case is the solution of the first, a quadratic equation in sqrt(|e|). Implicit forms are
-//! known (arXiv 1911.09232, 2008.09863). Seeber (arXiv 2404.02770) shows that the forms published before his are biased
-//! or chatter. He proposes a form without both, whose outputs are linear combinations of the states. The form here was
-//! not compared with an implementation of his form. Its behaviour is measured. Once `e` is zero, it stays zero as long
-//! as the speed changes by at most alpha per sample. So the form does not chatter, and is exact at rest and at constant
-//! speed. It is late by the half sample of any backward difference.
+//! The two cases are the solution of the first line, which is a quadratic equation in sqrt(|e|) if `|b| > alpha`.
+//! Implicit forms are known (arXiv 1911.09232, 2008.09863). Seeber (arXiv 2404.02770) shows that the earlier published
+//! forms are biased or chatter. He proposes a form without bias and chattering. The outputs of his form are linear
+//! combinations of the states. The form here was not compared with an implementation of Seeber's form. Instead the
+//! behaviour of the form here is measured. Once `e` is zero, it stays zero as long as the speed changes by at most
+//! alpha per sample. So the form does not chatter, and is exact at rest and at constant speed. The delay of this form
+//! is half a sample, as for any backward difference.
 //!
 //! **Fixed point.** Only `u1` and `e` (one step ahead) are stored, with 32 fractional bits each. `e` is relative to the
 //! count, so that nothing wraps, and limited to 2^24 counts. The root is the integer root of 64 bits.

@@ -1,10 +1,11 @@
 //! Position to [`Velocity`]: the second stage, run for every sample.
 //!
-//! An [`Estimator`] has integer coefficients, from the settings of a person. A [`State`] has the values that the
-//! samples have left, and the number of their estimator. An estimator never continues from the state of another
+//! An [`Estimator`] has integer coefficients, from the settings of a person. A [`State`] has the values that follow
+//! from the past samples, and the number of the estimator. An estimator never continues from the state of another
 //! estimator or tuning. Instead it starts from the velocity of the last sample, as if the handle had always moved at
-//! it. Otherwise one flicker of the counts could give a wide filter a slope that carries a narrow filter far away.
-//! [`Tuned`] is an estimator with the number of its tuning, so that it comes into force as a whole, with one sample.
+//! this velocity. Otherwise one flicker of the counts could leave a slope in the state of a fast filter. With this
+//! slope a slow filter would drift far away. [`Tuned`] is an estimator with the number of its tuning, so that both come
+//! into force together, with one sample.
 
 mod biquad;
 #[cfg(feature = "estimators")]
@@ -68,19 +69,19 @@ use table::{Kind, Memory};
 
 /// An estimator's integer form, which runs for every sample.
 trait Form {
-    /// Values that the samples leave.
+    /// Values that follow from the past samples.
     type State: Copy + core::fmt::Debug + Kept;
 
     const REST: Self::State;
 
-    /// The state after many samples at this velocity. With it the form replaces another one.
+    /// The state after many samples at this velocity. If this form replaces another form, it starts with this state.
     fn at(&self, velocity: Velocity) -> Self::State;
 
     /// The velocity after a move by `difference` counts, in counts per sample.
     fn step(&self, state: &mut Self::State, difference: i32, senses: &Senses) -> Velocity;
 
     /// [`step`](Self::step) with a seal, which is the expected sum of the state. The form adds each new value to the
-    /// seal, and subtracts each old one. If a bit of the state flips between two steps, the seal differs from the
+    /// seal, and subtracts each old value. If a bit of the state flips between two steps, the seal differs from the
     /// state's sum from then on.
     #[inline(always)]
     fn sealed(
@@ -135,7 +136,7 @@ fn steps<F: Form>(
         };
         let (pairs, rest) = velocities.as_chunks_mut::<2>();
         let (counter_pairs, _) = counters.as_chunks::<2>();
-        // two samples at a time, so that the first leaves its values where the second needs them
+        // two samples at a time, so that the first sample leaves its values where the second sample needs them
         for (pair, ([one, two], counters)) in pairs.iter_mut().zip(counter_pairs).enumerate() {
             *one = step(state, 2 * pair, moved(counters[0]));
             *two = step(state, 2 * pair + 1, moved(counters[1]));
@@ -159,9 +160,9 @@ fn steps<F: Form>(
 impl Estimator {
     /// The velocity at this sample, in counts per sample.
     ///
-    /// The usual estimators are inlined, the others are called. So the others do not push the state of the usual ones
-    /// out of the registers.
-    #[inline(always)] // called, it would put senses that nobody looks at into memory
+    /// The usual estimators are inlined, all other estimators are called. So the state of a usual estimator stays in
+    /// registers.
+    #[inline(always)] // a call would put senses that nobody reads into memory
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
         self.update_as(Tuning::first(self), state, position, senses)
     }
@@ -200,7 +201,7 @@ impl Estimator {
     #[cold]
     #[inline(never)]
     fn take_over(&self, tuning: Tuning, running: &mut Running) {
-        // If the seal fits with this tuning, the estimator was not changed: a bit of its number has flipped.
+        // If the seal is right for this tuning, the estimator was not changed. Instead a bit of its number has flipped.
         let same = running.memory.sum(self).wrapping_add(tuning.0.into()) == running.seal;
         running.tuning = tuning;
         if !same {
@@ -210,7 +211,8 @@ impl Estimator {
     }
 }
 
-/// A number that changes with each tuning and each change of the form. One comparison finds a change of either.
+/// A number that changes with each tuning and each change of the form. So one comparison finds a change of the tuning
+/// or of the form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Tuning(u16);
 
@@ -225,8 +227,8 @@ impl Tuning {
     }
 }
 
-/// An [`Estimator`] in force. It starts anew with its first sample if estimator or tuning differs from the one
-/// [before](Self::after).
+/// An [`Estimator`] in force. The estimator starts anew with its first sample if estimator or tuning has changed, see
+/// [`after`](Self::after).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tuned {
     tuning: Tuning,
@@ -343,7 +345,7 @@ pub struct State {
 }
 
 impl State {
-    /// A handle at rest at `position`. This counts as the sample before the first one.
+    /// A handle at rest at `position`. This position is taken as the sample before the first sample.
     pub fn at_rest(position: Position) -> Self {
         Self::behind(position, Running::REST)
     }
@@ -397,7 +399,7 @@ impl State {
         self.restart();
     }
 
-    /// From now on the position of the last sample has the number `position`. The velocity stays.
+    /// From now on the place of the handle at the last sample is called `position`. The velocity stays.
     pub fn rebase(&mut self, position: Position) {
         self.previous = position;
     }
@@ -414,7 +416,7 @@ mod tests {
         if name.text() == "levant-explicit" { 2 * (65_536 / 5) } else { 0 }
     }
 
-    /// Every estimator measures a constant speed, and an estimator that takes over continues at it.
+    /// Every estimator measures a constant speed. An estimator that replaces another one continues at this speed.
     #[test]
     #[cfg_attr(miri, ignore = "every pair, 2200 samples each")]
     fn an_estimator_that_takes_over_goes_on_at_the_velocity_of_the_old_one() {
@@ -439,7 +441,7 @@ mod tests {
         }
     }
 
-    /// After any samples: from its bytes on an estimator gives the same velocities as before.
+    /// After any samples, an estimator that is restored from its bytes gives the same velocities as the original.
     #[test]
     #[cfg_attr(miri, ignore = "every estimator, 900 samples each")]
     fn an_estimator_goes_on_from_its_bytes_as_it_went_on() {
@@ -496,14 +498,14 @@ mod tests {
             let mut place = Bytes::new(&mut bytes);
             running.memory.put(&tuned, &mut place);
             let length = place.used().unwrap();
-            // A ring that is made from bytes has their sum: see its own test.
+            // A ring that is made from bytes has the sum of these bytes: see the ring's own test.
             let ring = name.text().starts_with("taylor") || name.keys().contains(&"window_samples");
             for bit in (0..8 * length).filter(|_| !ring) {
                 bytes[bit / 8] ^= 1 << (bit % 8);
                 let memory = Memory::take(&tuned, &mut &bytes[..length]).unwrap();
                 bytes[bit / 8] ^= 1 << (bit % 8);
                 let mut broken = Running { memory, ..running };
-                // Without overflow checks, as on a board, any bit would do here too.
+                // Without overflow checks, as on a board, every bit could run for ten samples.
                 let samples = if bit % 64 < 24 { 10 } else { 1 };
                 for n in 300..300 + samples {
                     assert!(!broken.is_whole(&tuned), "{name:?}, bit {bit}, sample {n}");
@@ -512,7 +514,8 @@ mod tests {
                     }
                 }
             }
-            // With a flipped bit of the number another tuning seems to have run. The estimator continues all the same.
+            // After a flipped bit in the number of the tuning, another tuning seems to have run. The estimator
+            // continues nevertheless.
             for bit in 0..16 {
                 let tuning = Tuning(running.tuning.0 ^ 1 << bit);
                 let mut broken = Running { tuning, ..running };

@@ -12,8 +12,8 @@
 //! This is a Luenberger observer of a mass (Luenberger, IEEE Trans. Military Electronics 8, 1964). It is extended by
 //! the disturbance (Han; Gao, "Scaling and bandwidth-parameterization based controller tuning", ACC 2003). The
 //! disturbance d^ contains the force of the hand, friction and spring of the device, and an error of the mass or of the
-//! accelerometer's zero. So v^ has no steady error while these are constant. As in Gao's paper, all poles are at one
-//! bandwidth w, here exactly in discrete time. `(z - p)^3` with `p = exp(-w T)` gives
+//! accelerometer's zero. So v^ has no steady error while these forces and errors are constant. As in Gao's paper, all
+//! poles are at one bandwidth w, here exactly in discrete time. `(z - p)^3` with `p = exp(-w T)` gives
 //!
 //! ```text
 //! l1 = 1 - p^3,   l2 = 3/2 (1 - p)^2 (1 + p),   l3 = (1 - p)^3
@@ -25,13 +25,14 @@
 //! V^ = (3 w^2 s + w^3) / P  s X  +  (s^3 + 3 w s^2) / P  U / s,      P = (s + w)^3
 //! ```
 //!
-//! The output is low-passed differentiated position plus high-passed integrated acceleration. Their weights add up to
-//! one: these are complementary filters. If u is right, there is no delay at any frequency. If u is 0, the delay at DC
-//! is 0 as well. But motions around 0.6 of the bandwidth are then too large by 2.3 dB.
+//! The output is low-passed differentiated position plus high-passed integrated acceleration. The weights of both parts
+//! add up to one, so the two filters are complementary. If u is right, there is no delay at any frequency. If u is 0,
+//! the delay at DC is 0 as well. But for motions at about 0.6 of the bandwidth the output is then too large by 2.3 dB.
 //!
-//! **Fixed point.** The state has the difference `x - x^`, so a wrap of the count does not matter. It has 32 fractional
-//! bits, the velocity 44, the disturbance 48, products 96 bits. Each saturates. With the gains of the lowest bandwidth
-//! an error of 2^-26 counts still changes the disturbance. So no error that is visible in the output can persist.
+//! **Fixed point.** The state has the difference `x - x^`, so a wrap of the count does not matter. This difference has
+//! 32 fractional bits, the velocity 44, the disturbance 48. Products have 96 bits. Each state saturates. With the gains
+//! of the lowest bandwidth an error of 2^-26 counts still changes the disturbance. So no error that is visible in the
+//! output can persist.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 

@@ -1,7 +1,7 @@
 //! Design of the observers: poles at one bandwidth, and the known part of the acceleration.
 //!
-//! **Observer**: `u = F / m`, where F is the commanded force, saturated and held. With a wrong mass a part of F is a
-//! disturbance. The observer follows a disturbance no faster than the bandwidth.
+//! **Observer**: `u = F / m`, where F is the commanded force, saturated and held. If the mass is wrong, a part of F
+//! acts as a disturbance. The observer follows a disturbance no faster than the bandwidth.
 //!
 //! **Fusion** of position and acceleration: u is the accelerometer's reading. Its zero offset is a constant
 //! disturbance, without effect on the velocity. Above the crossover the acceleration has more weight than the position.
@@ -37,7 +37,7 @@ impl ObserverDesign {
     ///
     /// # Errors
     /// `bandwidth_hz` is outside [`OBSERVER_MIN`] .. [`OBSERVER_MAX`] of the rate, or `mass_kg` is outside [`MASS_KG`].
-    /// Or the mass is so small or large that full scale is outside 2^-34 to 32767 counts per sample^2.
+    /// The mass is also refused if full scale then gives less than 2^-34 or more than 32767 counts per sample^2.
     pub fn of_mass(
         bandwidth_hz: f64,
         mass_kg: f64,

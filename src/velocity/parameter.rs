@@ -3,21 +3,21 @@
 /// A parameter that is a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// Its name: the key of a scene without the unit, for example `cutoff` or `window`.
+    /// Name of the parameter: the key of a scene without the unit, for example `cutoff` or `window`.
     pub name: &'static str,
-    /// Its unit, such as `Hz` or `samples`.
+    /// Unit of the parameter, such as `Hz` or `samples`.
     pub unit: &'static str,
-    /// Its default.
+    /// Default of the parameter.
     pub default: f64,
 }
 
 impl Parameter {
-    /// Whether it is a frequency. `cutoff` sets a frequency, and a sweep over cutoffs varies it.
+    /// Whether the parameter is a frequency. `cutoff` sets a frequency, and a sweep over cutoffs varies it.
     pub fn is_frequency(&self) -> bool {
         self.unit == "Hz"
     }
 
-    /// Whether it is a whole number.
+    /// Whether the parameter is a whole number.
     pub fn is_whole(&self) -> bool {
         self.unit == "samples"
     }

@@ -1,8 +1,8 @@
-//! Design of estimators that are the derivative of a polynomial. It goes through the last samples (Taylor expansions),
-//! or fits them best (least squares).
+//! Design of estimators that are the derivative of a polynomial. The polynomial goes through the last samples (Taylor
+//! expansions), or fits these samples best (least squares).
 //!
 //! A sum `v T = h0 x[n] + h1 x[n-1] + ..` whose weights add up to zero is also a sum of differences
-//! `d[n] = x[n] - x[n-1]`, with the weights `g[i] = h[0] + .. + h[i]`. If the sum is exact for a ramp, these weights
+//! `d[n] = x[n] - x[n-1]`, with the weights `g[i] = h[0] + .. + h[i]`. If the sum is exact for a ramp, the weights `g`
 //! add up to one. So [`Fir`] can compute it.
 //!
 //! **Taylor** (Brown, Schneider, Mulligan, IEEE TIE 39(1), 1992) is the derivative at `x[n]` of the polynomial through
@@ -51,7 +51,7 @@ impl FirDesign {
         }))
     }
 
-    /// These weights, newest first. There are at most [`WINDOW_MAX`], each below 2, and they add up to one.
+    /// These weights, newest first. There are at most [`WINDOW_MAX`] weights, each below 2. They add up to one.
     pub(super) fn of(exact: &[f64]) -> Self {
         let mut weights = [0.0; LENGTH];
         for (weight, exact) in weights.iter_mut().zip(exact) {
@@ -94,8 +94,8 @@ impl FirDesign {
         Ok(Self { weights, window })
     }
 
-    /// The weights in LSB of 2^-30, each within half an LSB. The remainder of their sum is added to the largest weight,
-    /// so that they add up to exactly 2^30.
+    /// The weights in LSB of 2^-30, each within half an LSB. The remainder of the sum is added to the largest weight,
+    /// so that all weights add up to exactly 2^30.
     pub fn quantise(&self) -> Fir {
         let one = 1i32 << FRACTION_BITS;
         let mut weights = [0; LENGTH];

@@ -1,11 +1,11 @@
 //! Turns the rows of the table into types, and into functions for all estimators.
 
-/// A row: `NAME = ID, "text" { KEY: type = ("name", "unit", default), .. }`, with the estimator's parameters. Then come
-/// the sense that it needs, and the code that builds its integer form for a [`Design`]. A weighted sum of differences
-/// also has its exact weights.
+/// A row: `NAME = ID, "text" { KEY: type = ("name", "unit", default), .. }`, with the estimator's parameters. The sense
+/// that the estimator needs follows, and the code that builds its integer form for a [`Design`]. A weighted sum of
+/// differences also has its exact weights.
 ///
-/// `if`: the features with which the build has a group. The two paths tell the compiler how likely an estimator of the
-/// group is, and how it is called.
+/// `if`: the features with which the build has a group. From the two paths the compiler knows how likely an estimator
+/// of the group is, and whether it is inlined.
 macro_rules! estimators {
     ($(if $on:meta, $likely:path, $step:path {
         forms { $(
@@ -45,7 +45,7 @@ macro_rules! estimators {
             $($($(#[$form_doc])* #[cfg($on)] $form($integer),)*)*
         }
 
-        /// Name of the integer form. It has the numbers of [`Estimator`], so that one load finds it.
+        /// Name of the integer form. It has the same numbers as [`Estimator`], so that one load finds the name.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub(super) enum Kind {
             $($(#[cfg($on)] $form,)*)*
@@ -72,13 +72,13 @@ macro_rules! estimators {
                 match self { $($(#[cfg($on)] Self::$name => $id,)*)* }
             }
 
-            /// The sense that it needs beside the position.
+            /// The sense that the estimator needs beside the position.
             pub fn sense(self) -> Option<Sense> {
                 match self { $($(#[cfg($on)] Self::$name => None $(.or(Some(Sense::$sense)))?,)*)* }
             }
 
-            /// Its parameters. The first one is the tuning, which trades speed for accuracy. Some estimators have
-            /// further ones.
+            /// Parameters of the estimator. The first parameter is the tuning, which trades speed for accuracy. Some
+            /// estimators have further parameters.
             pub fn parameters(self) -> [Option<Parameter>; PARAMETERS] {
                 match self {
                     $($(#[cfg($on)] Self::$name => Parameter::all(&[$(
@@ -143,7 +143,7 @@ macro_rules! estimators {
         }
 
         impl Estimator {
-            #[inline(always)] // called, it would put senses that nobody looks at into memory
+            #[inline(always)] // a call would put senses that nobody reads into memory
             pub(super) fn step(
                 &self,
                 (memory, seal): (&mut Memory, &mut u32),

@@ -24,7 +24,7 @@ impl Senses {
 /// The latest edge of the encoder's signals.
 ///
 /// The encoder rounds down. After an edge up to the count c the handle was at exactly c counts. After an edge down to c
-/// it was at exactly c + 1 counts.
+/// the handle was at exactly c + 1 counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
     /// Time from the edge to the sample, 2^-16 samples, rounded down, saturating. Below [`Edge::SAMPLE`] the edge came
@@ -53,7 +53,7 @@ pub enum Sense {
 }
 
 impl Sense {
-    /// Its name for people.
+    /// Name of the sense for people.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Force => "force",

@@ -1,12 +1,12 @@
 //! The estimators, one row each. `rows.rs` turns the rows into types and functions.
 //!
-//! A new estimator has a file beside this one, whose integer form implements [`Form`], and its rows here. Console,
-//! settings in flash, scenes, comparison and tests read all estimators from the table.
+//! A new estimator needs a file in this folder and its rows here. The integer form of the estimator implements
+//! [`Form`]. Console, settings in flash, scenes, comparison and tests read all estimators from the table.
 
 use super::{parameter::Number, rows::estimators, *}; // what the rows name
 use crate::{Design, SettingsError, units::Velocity};
 
-/// Marks the usual estimators. It does nothing.
+/// Marks the usual estimators. This function does nothing.
 #[inline(always)]
 const fn usual() {}
 
@@ -77,12 +77,12 @@ estimators! {
                 weights FirDesign::least_squares(2, window_samples)?;
             /// Tracking loop (phase-locked loop), critically damped.
             TrackingLoop = 30, "tracking-loop" {
-                /// Frequency of its two poles, Hz: 3.5e-5 to 0.25 of the rate.
+                /// Frequency of the two poles, Hz: 3.5e-5 to 0.25 of the rate.
                 bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
             } => |design| LowPass(TrackingLoop::new(bandwidth_hz, design.rate_hz)?.quantise());
             /// Extended-state observer that knows the force.
             Observer = 31, "observer" {
-                /// Frequency of its three poles, Hz: 1e-3 to 0.2 of the rate.
+                /// Frequency of the three poles, Hz: 1e-3 to 0.2 of the rate.
                 bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
                 /// Mass of the model, kg: 1e-3 to 100. The default is the mass of the paper's device.
                 mass_kg: f64 = ("mass", "kg", 0.416),
@@ -122,7 +122,8 @@ estimators! {
         names {
             /// Position and acceleration, combined by an observer.
             Fusion = 33, "fusion" {
-                /// Frequency between position (below) and acceleration (above), Hz: 1e-3 to 0.2 of the rate.
+                /// Frequency, Hz: 1e-3 to 0.2 of the rate. Below it the position has more weight, above it the
+                /// acceleration.
                 crossover_hz: f64 = ("crossover", "Hz", 50.0),
             } needs Acceleration => |design| Fusion(Fusion(
                 ObserverDesign::of_accelerometer(crossover_hz, design.rate_hz)?.quantise()
@@ -146,7 +147,7 @@ estimators! {
             LevantExplicit = 12, "levant-explicit" {
                 /// Largest acceleration C of the handle, m/s^2: 1e-6 to 1e4 counts per sample^2.
                 acceleration_max_m_per_s2: f64 = ("acceleration_max", "m/s^2", 20.0),
-                /// Gain of the square root over sqrt(C), 0.5 to 3.
+                /// Gain of the square root, divided by sqrt(C), 0.5 to 3.
                 lambda_ratio: f64 = ("lambda_ratio", "1", 1.0),
             } => |design| Levant(
                 LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?.quantise(false)
@@ -155,7 +156,7 @@ estimators! {
             LevantImplicit = 13, "levant-implicit" {
                 /// Largest acceleration C of the handle, m/s^2: 1e-6 to 1e4 counts per sample^2.
                 acceleration_max_m_per_s2: f64 = ("acceleration_max", "m/s^2", 20.0),
-                /// Gain of the square root over sqrt(C), 0.5 to 3.
+                /// Gain of the square root, divided by sqrt(C), 0.5 to 3.
                 lambda_ratio: f64 = ("lambda_ratio", "1", 1.0),
             } => |design| Levant(
                 LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?.quantise(true)
@@ -174,37 +175,39 @@ estimators! {
             } => |design| Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?.quantise());
             /// Finite difference followed by a low-pass of second order of any damping.
             SecondOrder = 17, "second-order" {
-                /// Cutoff in Hz, not pre-warped: 3.5e-5 to 0.499 of the rate. An undamped filter would resonate there.
+                /// Cutoff in Hz, not pre-warped: 3.5e-5 to 0.499 of the rate. An undamped filter would resonate at this
+                /// frequency.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
-                /// Quality factor Q, 0.3 to 2. At 0.707 it is a Butterworth filter, at 0.5 it has two equal poles.
+                /// Quality factor Q, 0.3 to 2. Q = 0.707 gives a Butterworth filter, Q = 0.5 gives two equal poles.
                 quality: f64 = ("quality", "1", 0.5),
             } => |design| LowPass(Biquad::second_order(cutoff_hz, quality, design.rate_hz)?);
             /// Finite difference and exponential smoothing, `y += (1 - p) (x - y)`, once or twice.
             Smoothing = 19, "smoothing" {
                 /// Frequency of the slower pole p, Hz: 3.5e-5 to 0.25 of the rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 500.0),
-                /// Frequency of the other pole over it: 1 to 1e6. At 1e6 there is no other pole.
+                /// Frequency of the second pole, divided by the frequency of pole p: 1 to 1e6. At 1e6 there is no
+                /// second pole.
                 ratio: f64 = ("ratio", "1", 1.0),
             } => |design| LowPass(
                 TrackingLoop::smoothing(cutoff_hz, ratio, design.rate_hz)?.quantise()
             );
             /// Tracking loop whose output leads or lags.
             TrackingLead = 20, "tracking-lead" {
-                /// Frequency of its two poles, Hz: 3.5e-5 to 0.25 of the rate.
+                /// Frequency of the two poles, Hz: 3.5e-5 to 0.25 of the rate.
                 bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
                 /// Samples by which the output leads, from its last change. The lowest value, -1, is a lag of a sample.
                 lead: f64 = ("lead", "1", 0.0),
             } => |design| LowPass(TrackingLoop::led(bandwidth_hz, lead, design.rate_hz)?.quantise());
             /// Finite difference and a biquad that is designed for a device, with two poles, a lead and a second zero.
             Biquad = 21, "biquad" {
-                /// Frequency of its poles, Hz: 3.5e-5 to 0.2 of the rate.
+                /// Frequency of the poles, Hz: 3.5e-5 to 0.2 of the rate.
                 frequency_hz: f64 = ("frequency", "Hz", 700.0),
                 /// Damping ratio of the poles, 0.02 to 4.
                 damping: f64 = ("damping", "1", 0.5),
-                /// Lead of a slow motion, s. Its range follows from the others.
+                /// Lead of a slow motion, s. The range follows from the other parameters.
                 lead_s: f64 = ("lead", "s", 0.0),
-                /// Position of the second zero in the z plane, -1 to 0.98. At -1 it removes half the sample rate; 0: no
-                /// zero.
+                /// Position of the second zero in the z plane, -1 to 0.98. At -1 the zero suppresses half the sample
+                /// rate. At 0 there is no zero.
                 zero: f64 = ("zero", "1", 0.0),
             } => |design| LowPass(
                 BiquadDesign::new(frequency_hz, damping, lead_s, zero, design.rate_hz)?.quantise()
@@ -213,15 +216,15 @@ estimators! {
             Biquad2 = 22, "biquad-2" {
                 /// Frequency of the first section's poles, Hz: 3.5e-5 to 0.2 of the rate.
                 frequency_hz: f64 = ("frequency", "Hz", 700.0),
-                /// Damping ratio of these poles, 0.02 to 4.
+                /// Damping ratio of the first section's poles, 0.02 to 4.
                 damping: f64 = ("damping", "1", 0.5),
-                /// Lead of a slow motion in the first section, s. Its range follows from the others.
+                /// Lead of a slow motion in the first section, s. The range follows from the other parameters.
                 lead_s: f64 = ("lead", "s", 0.0),
                 /// Position of the first section's second zero in the z plane, -1 to 0.98.
                 zero: f64 = ("zero", "1", 0.0),
-                /// Frequency of the second section's poles over the frequency of the first section's poles.
+                /// Frequency of the second section's poles, divided by the frequency of the first section's poles.
                 second_ratio: f64 = ("second_ratio", "1", 1.0),
-                /// Damping ratio of these poles, 0.02 to 4.
+                /// Damping ratio of the second section's poles, 0.02 to 4.
                 second_damping: f64 = ("second_damping", "1", 1.0),
                 /// Lead of a slow motion in the second section, s.
                 second_lead_s: f64 = ("second_lead", "s", 0.0),

@@ -13,16 +13,17 @@
 //! only error is the time's LSB of 2^-16 samples. Phase and duty errors of a real encoder repeat every four counts. The
 //! span averages over them.
 //!
-//! **Input.** The estimator needs the age of the latest edge at each sample ([`Edge`]). Without it, half a count's time
-//! is assumed as the age. Then the estimator only counts over the span.
+//! **Input.** The estimator needs the age of the latest edge at each sample ([`Edge`]). If the age is not known, half a
+//! count's time is assumed as the age. Then the result is only the number of counts in the span.
 //!
 //! **Error and delay.** At constant speed v the error is at most `v / (65536 (span - 1/2)) + 2^-17` counts per sample.
-//! A speed below one count in 2^15 samples is standstill. The velocity is the mean between the two edges.
+//! A speed below one count in 2^15 samples is standstill. The velocity is the mean velocity between the two edges.
 //!
-//! If edges come with every sample, it is late by `span / 2` samples and half the time of a count. One edge a sample is
-//! stored. The half sample of the span then prevents the measured time from switching between two lengths. If edges
-//! come less often than the span, it is late by half a period and the age of the last edge. When the handle slows down,
-//! the bound reduces this delay. After standstill the first edge gives no velocity yet. The second one does.
+//! If edges come with every sample, the velocity is late by `span / 2` samples and half the time of a count. One edge
+//! per sample is stored. The span is shortened by half a sample. This prevents the measured time from switching between
+//! two lengths. If edges come less often than the span, the velocity is late by half the time between two edges and the
+//! age of the last edge. When the handle slows down, the bound reduces this delay. After standstill the first edge
+//! gives no velocity yet. The second edge gives a velocity.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -67,8 +68,8 @@ kept!(Stamp { time, place });
 pub(super) struct TimeStampsState {
     stamps: [Stamp; LENGTH as usize],
     sum: u32,
-    /// Index of the latest stamp. The next field: distance from it to the first stamp of the measurement. Both are 0
-    /// with one edge only.
+    /// Index of the latest stamp. The next field: distance from the latest stamp to the first stamp of the measurement.
+    /// Index and distance are 0 if there was only one edge.
     latest: u8,
     back: u8,
     /// Whether there was an edge.
@@ -91,8 +92,8 @@ impl TimeStamps {
         Ok(Self { span: (span_samples << Edge::FRACTION_BITS) - Edge::SAMPLE / 2 })
     }
 
-    /// The mean velocity up to the latest edge. Before that it searches the edge at which the measurement begins,
-    /// starting at the last measurement's.
+    /// The mean velocity up to the latest edge. First the function searches the edge at which this measurement begins.
+    /// The search starts at the first edge of the last measurement.
     fn measure(&self, state: &mut TimeStampsState) -> Velocity {
         let latest = state.at(0);
         while state.back > 1 && latest.time.wrapping_sub(state.at(state.back - 1).time) >= self.span
@@ -110,7 +111,7 @@ impl TimeStamps {
     }
 }
 
-/// It cannot be restored from bytes. It needs the times of the edges, which telemetry does not have.
+/// This state cannot be restored from bytes, because telemetry does not have the times of the edges.
 impl Kept for TimeStampsState {
     fn put(&self, _: &mut Bytes<'_>) {}
 
@@ -160,7 +161,7 @@ impl Form for TimeStamps {
         if u64::from(speed) * u64::from(age) <= 1 << SCALE_BITS {
             return state.measured;
         }
-        // At most the speed, which has 31 bits.
+        // The quotient is at most the speed, which has 31 bits.
         #[expect(clippy::cast_possible_truncation, reason = "see above")]
         let bound = quotient(1 << SCALE_BITS, age) as i32;
         let velocity = if state.measured < Velocity::ZERO { -bound } else { bound };
@@ -176,7 +177,7 @@ fn quotient(dividend: u64, divisor: u32) -> u64 {
 }
 
 /// The edge that came since the last sample, if there was one. A count that moved had an edge. If the age of this edge
-/// is not known, it is assumed.
+/// is not known, the age is assumed.
 #[inline]
 fn fresh(difference: i32, edge: Option<Edge>) -> Option<Edge> {
     match edge {
@@ -188,8 +189,8 @@ fn fresh(difference: i32, edge: Option<Edge>) -> Option<Edge> {
     }
 }
 
-/// Half the time of one count at a speed of `counts` counts per sample, 2^-16 samples. Half a sample below one count
-/// per sample.
+/// Half the time of one count at a speed of `counts` counts per sample, 2^-16 samples. For speeds below one count per
+/// sample, the result is half a sample.
 #[inline]
 fn likely_age(counts: i32) -> u32 {
     Edge::SAMPLE / 2 / counts.unsigned_abs().max(1)

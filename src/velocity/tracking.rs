@@ -4,20 +4,21 @@
 //! e = x[n] - (x^ + v^)        x^ = x^ + v^ + kp e        v^ = v^ + ki e        counts, samples
 //! ```
 //!
-//! The output is the integral `v^` alone, as in ODrive (`Firmware/MotorControl/encoder.cpp`). The other usual output is
-//! `v^ + kp e` (moteus, `fw/motor_position.h`). It has no delay at DC. But it passes on every edge of the count at
-//! once, and its gain falls like that of a single pole.
+//! The output is the integral `v^` alone, as in ODrive (`Firmware/MotorControl/encoder.cpp`). Another usual output is
+//! `v^ + kp e` (moteus, `fw/motor_position.h`). That output has no delay at DC. But in that output every edge of the
+//! count appears at once, and its gain falls like that of a single pole.
 //!
-//! **Gains.** ODrive and moteus set `kp = 2 w T`, `ki = (w T)^2`. This is critically damped only for small w T, and
-//! unstable soon above it. ODrive refuses `kp >= 1`. Here both poles are at `p = exp(-w T)`, with `w = 2 pi bandwidth`.
-//! The characteristic polynomial `z^2 - (2 - kp - ki) z + (1 - kp) = (z - p)^2` gives
+//! **Gains.** ODrive and moteus set `kp = 2 w T`, `ki = (w T)^2`. With these gains the loop is critically damped only
+//! for small w T. For larger w T it soon becomes unstable. ODrive refuses `kp >= 1`. Here both poles are at
+//! `p = exp(-w T)`, with `w = 2 pi bandwidth`. The characteristic polynomial
+//! `z^2 - (2 - kp - ki) z + (1 - kp) = (z - p)^2` gives
 //!
 //! ```text
 //! kp = 1 - p^2,   ki = (1 - p)^2
 //! ```
 //!
-//! From [`BANDWIDTH_MAX`] of the rate on (kp = 0.957 there), kp comes near 1. There the loop follows every count. So a
-//! higher bandwidth is refused.
+//! At [`BANDWIDTH_MAX`] kp is 0.957. At higher bandwidths kp comes near 1. With kp near 1 the loop follows every count.
+//! So a higher bandwidth is refused.
 //!
 //! **Form.** Solved for v^ the loop is
 //!
@@ -28,10 +29,11 @@
 //! This is a finite difference and a low-pass with a double pole. So the core computes it with its low-pass. At rest
 //! the output ends at exactly 0, and at constant speed nothing is lost. A loop with a rounded-down x^ would need a dead
 //! band (`|v| < ki / 2` becomes 0) against jitter. The simulator's twin runs the two integrators, and a test compares
-//! both.
+//! the twin with the core.
 //!
 //! The delay at DC is `1/2 + 2 p / (1 - p)` samples. The -3 dB frequency is 0.644 of the bandwidth (for w T << 1).
-//! Above it the gain falls by 12 dB per octave. Like any linear filter of the count the loop trades noise for delay.
+//! Above this frequency the gain falls by 12 dB per octave. Like any linear filter of the count the loop trades noise
+//! for delay.
 
 use core::ops::RangeInclusive;
 
@@ -42,11 +44,11 @@ use crate::range::{SettingsError, within};
 pub const BANDWIDTH_MIN: f64 = 3.5e-5;
 /// Highest accepted bandwidth, as a fraction of the sample rate.
 pub const BANDWIDTH_MAX: f64 = 0.25;
-/// Accepted ratios of the second pole's frequency to the first's, for smoothing. A second pole of 1e-8 or less has no
-/// effect.
+/// Accepted ratios of the second pole's frequency to the first pole's frequency, for smoothing. A second pole of 1e-8
+/// or less has no effect.
 pub const RATIO: RangeInclusive<f64> = 1.0..=1e6;
-/// Above this fraction of the sample rate the first order of error feedback is quieter. There both leave 0.35 LSB RMS,
-/// by the squared impulse responses of `(1 - z^-1)^k / (1 - p z^-1)^2`.
+/// Above this fraction of the sample rate the first order of error feedback is quieter. At this fraction both orders
+/// leave 0.35 LSB RMS, by the squared impulse responses of `(1 - z^-1)^k / (1 - p z^-1)^2`.
 const SECOND_ORDER_BELOW: f64 = 0.05;
 
 /// A tracking loop in floating point.
@@ -74,9 +76,9 @@ impl TrackingLoop {
         Ok(Self { kp: less * (2.0 - less), ki: less * less, lead: 0.0, bandwidth_per_rate })
     }
 
-    /// Exponential smoothing, twice: the poles are at `exp(-w T)` of this cutoff and of `ratio` times this cutoff. As a
-    /// loop it need not be critically damped. `1 - kp` is the product of the poles. `ki` is the product of their
-    /// distances from 1.
+    /// Exponential smoothing, twice: the poles are at `exp(-w T)` of this cutoff and of `ratio` times this cutoff. The
+    /// loop with these poles need not be critically damped. `1 - kp` is the product of the poles. `ki` is the product
+    /// of their distances from 1.
     ///
     /// # Errors
     /// `cutoff_hz` is outside [`BANDWIDTH_MIN`] .. [`BANDWIDTH_MAX`] of the rate, or `ratio` is outside [`RATIO`].
@@ -95,8 +97,8 @@ impl TrackingLoop {
     ///
     /// # Errors
     /// `bandwidth_hz` is out of range as in [`new`](Self::new). Or `lead` is outside -1 .. `kp / ki + 1`. The upper end
-    /// is the lead without delay, plus the sample that an explicit loop's proportional part gives. Or `lead` is so
-    /// large that a coefficient reaches 2 or their magnitudes add up to 4.
+    /// is the lead without delay, plus the sample that an explicit loop's proportional part gives. `lead` is also
+    /// refused if a coefficient would reach 2, or if the magnitudes of the coefficients would add up to 4.
     pub fn led(bandwidth_hz: f64, lead: f64, rate_hz: f64) -> Result<Self, SettingsError> {
         let own = Self::new(bandwidth_hz, rate_hz)?;
         let (kp, ki) = (own.kp, own.ki);

@@ -1,12 +1,12 @@
 //! Difference over a window: the counts of the last N samples, divided by their time. The drivers of CHAI3D and Force
-//! Dimension use it too.
+//! Dimension use this estimator too.
 //!
 //! ```text
 //! v T = (x[n] - x[n-N]) / N
 //! ```
 //!
-//! It is late by N / 2 samples. Its steps are 1 / N counts per sample. The sum of the last differences is stored, exact
-//! in integers. So a long window takes no more time than a short one.
+//! The velocity is late by N / 2 samples. Its steps are 1 / N counts per sample. The sum of the last differences is
+//! stored, exact in integers. So a long window takes no more time than a short one.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -24,7 +24,8 @@ use crate::{
 pub const DIFFERENCE_WINDOW_MAX: u8 = 255;
 
 const LENGTH: usize = 256;
-/// Fractional bits of the factor beyond those of a velocity. Rounding the factor costs a quarter of an LSB.
+/// Fractional bits of the factor beyond those of a velocity. Rounding of the factor causes an error of at most a
+/// quarter of an LSB.
 const FACTOR_BITS: u32 = 24;
 
 /// Difference over a window.

@@ -1,5 +1,5 @@
-//! A number of 64 bits, or a vector of such numbers. The simulator runs some estimators many times side by side. These
-//! are written for this type.
+//! A number of 64 bits, or a vector of such numbers. The simulator runs some estimators many times side by side. The
+//! code of these estimators uses this type.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -10,7 +10,7 @@ use crate::Gain;
 
 /// A signed number of 64 bits, or a vector of them.
 ///
-/// A vector may omit the clamping, if its caller finds out when one of its numbers is near a limit.
+/// A vector may omit the clamping, if the caller notices when a number of the vector is near a limit.
 pub trait Word:
     Copy + Add<Output = Self> + Sub<Output = Self> + Shl<u32, Output = Self> + Shr<u32, Output = Self>
 {

@@ -1,4 +1,5 @@
-//! RTT's control block. It is in RAM, where a host writes too. So its buffers are checked before each use.
+//! RTT's control block. It is in RAM, and the host writes there too. So the program checks a buffer's address and size
+//! before each use.
 
 /// Sizes of the buffers of up 0 to 2 and of down 0, in the order of the control block.
 const SIZES: [u32; 4] = [4096, 8192, 1024, 256];

@@ -1,18 +1,19 @@
-//! The device record, in its own flash sector (memory.x). The build puts the first one there. Another one can be
+//! The device record, in its own flash sector (memory.x). The build puts the first record there. Another record can be
 //! programmed in its place.
 
 use zwidth::device::record::WORDS_MAX;
 
 const BYTES: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/device.record"));
 
-/// No code uses this name, so the compiler cannot assume the content. The program sees a record that is programmed
-/// later.
+/// No code uses this name, so the compiler cannot assume the content. If another record is programmed later, the
+/// program reads that record.
 #[used]
 // SAFETY: the section holds nothing else, and memory.x keeps a whole sector for it.
 #[unsafe(link_section = ".device")]
 static BUILT_IN: [u8; BYTES.len()] = *BYTES.as_array().expect("of that length");
 
-// SAFETY: memory.x has this name, at the beginning of a sector of so many words that nothing writes while this runs.
+// SAFETY: memory.x defines this symbol at the beginning of a sector. The sector has this number of words, and nothing
+// writes it while the program runs.
 unsafe extern "C" {
     safe static _device_record: [u32; WORDS_MAX];
 }

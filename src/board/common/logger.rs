@@ -30,8 +30,8 @@ struct State {
 
 struct Shared(UnsafeCell<State>);
 
-// SAFETY: the contents are touched only between `mask::raise` and `mask::restore`, which exclude
-// every task that may get here; the others trap in `raise`.
+// SAFETY: the contents are touched only between `mask::raise` and `mask::restore`, which exclude every task that may
+// log; any other task traps in `raise`.
 unsafe impl Sync for Shared {}
 
 static STATE: Shared = Shared(UnsafeCell::new(State {

@@ -1,4 +1,4 @@
-//! Code that boards with any Cortex-M4 share: the log and the probe link.
+//! Code for all boards with a Cortex-M4: the log and the probe link.
 
 pub(in crate::board) mod control_block;
 pub mod device_record;

@@ -7,9 +7,9 @@
 //! | up 2    | replies, one line of text each  | 1024  | whole lines are dropped |
 //! | down 0  | commands, one line of text each | 256   | the host waits               |
 //!
-//! No function here waits for the host, even if a debugger writes another mode into a channel. If the control block no
-//! longer names the buffers of set-up, nothing is read or written. `console/reply_channel.rs` handles a reply for which
-//! up 0 and up 2 have no room.
+//! No function here waits for the host, even if a debugger writes another mode into a channel. If an address or size of
+//! a buffer in the control block differs from set-up, nothing is read or written. `console/reply_channel.rs` handles a
+//! reply for which up 0 and up 2 have no room.
 
 use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init};
 use zwidth::contract;

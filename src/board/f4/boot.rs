@@ -1,5 +1,5 @@
-//! First checks at boot: the right chip, and the 8 MHz that all clocks come from. If one is missing, the board reports
-//! it and stops here, with all pins as after reset.
+//! First checks at boot: the right chip, and the 8 MHz that all clocks come from. If the chip is wrong or the 8 MHz are
+//! missing, the board reports it and stops here, with all pins as after reset.
 
 use stm32f4xx_hal::pac;
 use zwidth::contract::UpChannel as _;
@@ -11,8 +11,8 @@ const OTHER_CHIP: &[u8] =
 const NO_CLOCK: &[u8] =
     b"error: no 8 MHz clock, nothing runs: see the solder bridges in docs/wiring.md\n";
 
-/// Reads of the ready flag before the board gives up. They take a tenth of a second, at some eight cycles of the 16 MHz
-/// reset clock each. A crystal needs a few milliseconds (data sheets).
+/// Reads of the ready flag before the board gives up. A read takes some eight cycles of the 16 MHz reset clock, so all
+/// reads take a tenth of a second. A crystal needs a few milliseconds (data sheets).
 const LOOKS: u32 = 200_000;
 
 /// Compares the chip's own number (`DEV_ID`; RM0390 33.6.1, RM0090 38.6.1) with `expected`.

@@ -67,12 +67,12 @@ pub const SWING: [i32; 2] = [248, 3847];
 pub fn test() -> Found {
     let adc = read_back::output_sense();
     let read = |code: u32| {
-        // Otherwise an output of `render` would overwrite the code with zero force.
+        // Without the mask an output of `render` would overwrite the code with zero force.
         mask::with_lower_tasks_masked(|| {
             // SAFETY: a documented value; enable is off.
             unsafe { (*pac::DAC::ptr()).dhr12r1().write(|w| w.bits(code)) };
             cortex_m::asm::delay(SETTLE);
-            // A conversion that `render` has begun is over by now.
+            // By now any conversion that `render` has begun has ended.
             let _ = read_back::answer(adc);
             read_back::begin(adc);
             let read = (0..LOOKS).find_map(|_| read_back::answer(adc));

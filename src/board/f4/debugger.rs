@@ -2,8 +2,8 @@
 //!
 //! While the core is halted, TIM1 switches its outputs off. TIM1 and the sampling timer stand still, so they stay in
 //! phase. The watchdog and TIM6 run on. The manuals say that the outputs are off "as if" MOE were reset. If MOE is only
-//! masked, the last force is back with the first instruction. Debuggers clear the core's own flag of a halt (DFSR). So
-//! a halt is found by the time that passes without samples.
+//! masked, the last force acts again with the first instruction after the halt. Debuggers clear the core's own flag of
+//! a halt (DFSR). So a halt is found by the time that passes without samples.
 
 use stm32f4xx_hal::{
     pac,
@@ -17,7 +17,7 @@ use zwidth::{
 /// Timers of APB1 that stop in a halt: TIM5 (bit 3) and TIM3 (bit 1). TIM3 must stay in phase with TIM5 if it captures
 /// edges. TIM6 (bit 4) and the watchdog (bit 12) run on.
 const STOPPED_APB1: u32 = 1 << 3 | 1 << 1;
-/// The same on APB2: TIM1.
+/// Timer of APB2 that stops in a halt: TIM1.
 const STOPPED_APB2: u32 = 1;
 
 /// TIM6, which counts on while the core is halted.
@@ -30,7 +30,7 @@ pub struct Halts {
 }
 
 impl Halts {
-    /// A running timer. `clock_hz`: of APB1's timers.
+    /// A running timer. `clock_hz`: clock of APB1's timers.
     pub fn new(timer: pac::TIM6, clock_hz: u32, rate_hz: u32, rcc: &mut Rcc) -> Self {
         pac::TIM6::enable(rcc);
         pac::TIM6::reset(rcc);
@@ -76,8 +76,8 @@ impl DebugHalts for Halts {
     }
 }
 
-/// Sets the bits of the timers that stop in a halt. Called with every output, because a debugger's scripts set other
-/// bits. OpenOCD's script for these chips also stops the watchdog.
+/// Sets the bits of the timers that stop in a halt. Called with every output, because scripts of debuggers may write
+/// other bits. OpenOCD's script for these chips also stops the watchdog.
 #[inline(always)]
 fn stop_with_the_core() {
     // SAFETY: documented values of two registers that nothing else in this program writes.

@@ -1,8 +1,8 @@
 //! Times of the encoder's edges: TIM3 captures both edges of A on channel 1 and of B on channel 2.
 //!
-//! TIM3 has the clock and the input filter of TIM2, which counts the edges. So both see an edge with the same delay.
-//! TIM3's polarity does not matter: `encoder -` changes only TIM2, and the change of the count gives an edge its
-//! direction.
+//! TIM3 has the clock and the input filter of TIM2, which counts the edges. So both timers see an edge with the same
+//! delay. TIM3's polarity does not matter: `encoder -` changes only TIM2, and the direction of an edge follows from the
+//! change of the count.
 
 use stm32f4xx_hal::{
     gpio::PushPull,

@@ -1,13 +1,14 @@
 //! The amplifier's enable line and the emergency stop: channel 3 and the break input of TIM1.
 //!
 //! The line follows the timer's main output enable (MOE), so hardware alone can switch it off:
-//! * the break input, which the emergency stop opens, clears MOE without any code;
+//! * when the emergency stop opens, the break input clears MOE without any code;
 //! * with `DBG_TIM1_STOP` the outputs are off while a debugger has the core halted (debugger.rs);
 //! * the output watchdog clears MOE when no output has come for a while (output_watchdog.rs);
 //! * one store clears MOE, from any task, the panic and the fault handlers.
 //!
 //! While MOE is clear, TIM1 drives its outputs to their idle level, low. Enable is then inactive. On a board with PWM
-//! there is no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the amplifier).
+//! the force output then has no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at
+//! the amplifier).
 //!
 //! The first store to BDTR sets `LOCK` level 3 (RM0090 17.4.18, RM0390 16.4.18). This level freezes break input, idle
 //! levels, polarities and output modes. It does not freeze MOE, counter, periods, compare values and the channels'
@@ -23,11 +24,11 @@ use zwidth::contract;
 /// `LOCK` level 3. Break input on, active high: a normally closed switch to ground, so open is a stop. Idle levels
 /// driven. MOE clear.
 pub(super) const OFF: u32 = 0b11 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13;
-/// [`OFF`] with MOE set. While the break input is active the hardware clears it again.
+/// [`OFF`] with MOE set. While the break input is active, the hardware clears MOE again.
 const ON: u32 = OFF | 1 << 15;
 
-/// Sets MOE for a moment. Returns the levels of `pin` during it and after it. An open emergency stop keeps MOE clear.
-/// Call it with the tasks masked and the force at zero.
+/// Sets MOE for a moment. Returns the level of `pin` while MOE is set, and its level afterwards. An open emergency stop
+/// keeps MOE clear. Call it with the tasks masked and the force at zero.
 pub(super) fn blink(pin: super::pin::BoardPin) -> (bool, bool) {
     // SAFETY: a documented value of the register.
     registers().bdtr().write(|w| unsafe { w.bits(ON) });
@@ -85,7 +86,7 @@ impl Enable {
 
 impl contract::Enable for Enable {
     fn on(&mut self) {
-        // A flag is cleared by writing 0; 1 leaves the others. SAFETY: a documented value.
+        // Writing 0 clears a flag; writing 1 does not change a flag. SAFETY: a documented value.
         registers().sr().write(|w| unsafe { w.bits(!BREAK) });
         // SAFETY: a documented value of the register.
         registers().bdtr().write(|w| unsafe { w.bits(ON) });

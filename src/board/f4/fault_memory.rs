@@ -16,7 +16,7 @@ const ADDRESS: *mut [u32; FaultRecord::WORDS] = ptr::without_provenance_mut(0x40
 pub struct FaultMemory(());
 
 impl FaultMemory {
-    /// Gives the RAM its clock and opens it for writing.
+    /// Switches on the RAM's clock, and opens the RAM for writing.
     pub fn new(supply: &Supply, rcc: &mut Rcc) -> Self {
         rcc.ahb1enr().modify(|_, w| w.bkpsramen().set_bit());
         supply.open_backup();
@@ -45,7 +45,8 @@ fn write(words: &[u32; FaultRecord::WORDS]) {
     unsafe { ptr::write_volatile(ADDRESS, *words) }
 }
 
-/// Notes a fault from the panic and fault handlers. If the force was on, the record then says that this fault ended it.
+/// Notes a fault from the panic and fault handlers. If the force was on, the record also states that this fault
+/// switched the force off.
 pub(in crate::board) fn note(fault: Fault) {
     let record = match FaultRecord::from_words(&read()) {
         Some(record) if record.fault == Fault::ResetWhileArmed => record.renamed(fault),

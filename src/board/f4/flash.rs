@@ -68,7 +68,7 @@ impl SettingsFlash {
             // SAFETY: a documented value.
             unsafe { flash.cr().write(|w| w.bits(PSIZE_32 | mode | STRT)) };
         });
-        // The caches may hold erased data: reset them while they are off.
+        // The caches may contain data from before the erase. They must be off when they are reset.
         let flash = &self.0;
         flash.acr().modify(|_, w| w.dcen().clear_bit().icen().clear_bit());
         flash.acr().modify(|_, w| w.dcrst().set_bit().icrst().set_bit());

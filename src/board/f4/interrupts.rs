@@ -3,7 +3,7 @@
 use cortex_m::peripheral::scb::SystemHandler;
 use stm32f4xx_hal::pac::Interrupt;
 
-/// Interrupts that src/main.rs binds to tasks. It gives them their priorities.
+/// Interrupts that src/main.rs binds to tasks. src/main.rs also sets the priorities of these interrupts.
 const TASKS: [Interrupt; 4] = [Interrupt::TIM5, Interrupt::SPI3, Interrupt::PVD, Interrupt::SPI2];
 
 /// The lowest of the 16 priorities.
@@ -12,13 +12,14 @@ const LOWEST: u8 = 0xF0;
 /// Interrupts that the larger of these chips has.
 const COUNT: usize = 97;
 
-/// Gives all other interrupts and the system handlers the lowest priority, below the fault handlers. They end in
-/// `DefaultHandler` (fatal.rs).
+/// Gives all other interrupts and the system handlers the lowest priority, below the fault handlers. The handler of all
+/// these interrupts is `DefaultHandler` (fatal.rs).
 pub fn set_up(core: &mut cortex_m::Peripherals) {
     for number in 0..COUNT {
         let bound = TASKS.iter().any(|task| *task as usize == number);
         if !bound {
-            // SAFETY: a lower priority than that of all tasks but `link`, of interrupts that are not enabled.
+            // SAFETY: these interrupts are not enabled. Their new priority is below the priority of every task except
+            // `link`.
             unsafe { core.NVIC.ipr[number].write(LOWEST) };
         }
     }

@@ -3,7 +3,7 @@
 //! A board includes its force output (`dac.rs` or `pwm.rs`), and `edges.rs` if it has edge times. The peripherals are
 //! fixed:
 //! * TIM2: encoder; TIM5: samples; TIM6: halts;
-//! * TIM1_CH1: enable; TIM1_BKIN: emergency stop;
+//! * TIM1_CH3: enable; TIM1_BKIN: emergency stop;
 //! * TIM8 and DMA2: output watchdog.
 
 mod boot;
@@ -47,7 +47,7 @@ pub trait Wiring: Sized {
     const NAME: &'static str;
     /// Core clock, Hz. The timers of APB1 run at half of it.
     const CORE_HZ: u32;
-    /// Level of the supply detector (PLS, three bits): the flash has to work down to it.
+    /// Level of the supply detector (PLS, three bits): the flash has to work down to this voltage.
     const SUPPLY_LEVEL: u8;
     const OUTPUT: Output;
     const ENABLE: pin::BoardPin;
@@ -137,7 +137,7 @@ pub struct Wires<W: Wiring> {
     pub force: W::Force,
     /// Encoder, at 0 and not counting yet.
     pub encoder: W::Encoder,
-    /// TIM1's break input with its pull-up on; it can be read as well.
+    /// TIM1's break input with its pull-up on. The program can also read this pin.
     pub stop: W::StopInput,
 }
 
@@ -162,7 +162,7 @@ pub struct Peripherals {
 
 impl Chip {
     /// Starts RTT, then the clock that `clock` describes. The 8 MHz come from a crystal, or from another chip
-    /// (`external`). If they are missing, or if the chip is a wrong one, the board reports it and stops here with all
+    /// (`external`). If the 8 MHz are missing, or if the chip is wrong, the board reports it and stops here with all
     /// outputs off.
     pub fn start<W: Wiring>(
         rcc: pac::RCC,
@@ -201,7 +201,7 @@ impl Chip {
             )
         };
         let timer_hz = rcc.clocks.timclk1().raw();
-        // TIM1 is set up. This store locks it, and TIM1 drives its pins low.
+        // TIM1 is set up. The next store locks the set-up of TIM1. From then on TIM1 drives its pins low.
         off();
         let output_watchdog = output_watchdog::OutputWatchdog::new(tim8, &dma2, &mut rcc);
         let supply = supply::Supply::new(pwr, &exti, W::SUPPLY_LEVEL, &mut rcc);

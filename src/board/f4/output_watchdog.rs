@@ -2,7 +2,7 @@
 //!
 //! TIM8 counts microseconds from the last output. At [`OUTPUT_WATCHDOG_US`] its update event requests a transfer from
 //! DMA2 (stream 1, channel 7: TIM8_UP, RM0090 table 43, RM0390 9.3.3). DMA2 stores the word of `off` into TIM1's BDTR.
-//! Then MOE is clear, and only `arm` sets it again. This needs neither the core nor an interrupt nor a pin:
+//! Then MOE is clear, and only `arm` sets it again. This path uses no core, no interrupt and no pin:
 //!
 //! ```text
 //! outputs    | | | | |                                      (1 ms)
@@ -11,9 +11,9 @@
 //! ```
 //!
 //! The stream is circular with one item, so each further update stores the same word. In direct mode (FCR as reset) the
-//! word is fetched before its request. DMA1 cannot do this: its peripheral port reaches only APB1, and TIM1 is on APB2
-//! (RM0090 2.1, figure 1). In a debugger's halt TIM8 and DMA2 run on (debugger.rs). So a halt that is longer than this
-//! time ends the force for good.
+//! word is fetched before its request. DMA1 cannot make this transfer: its peripheral port reaches only APB1, and TIM1
+//! is on APB2 (RM0090 2.1, figure 1). In a debugger's halt TIM8 and DMA2 run on (debugger.rs). So after a halt longer
+//! than [`OUTPUT_WATCHDOG_US`], the force stays off until `arm`.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -66,7 +66,7 @@ impl OutputWatchdog {
         pac::TIM8::reset(rcc);
         let clock_hz = rcc.clocks.timclk2().raw();
         let stream = dma.st(NUMBER);
-        // SAFETY: documented values; the two addresses are a register's and a word's that lives for ever.
+        // SAFETY: documented values; the two addresses are those of a register and of a static word.
         unsafe {
             stream.par().write(|w| w.bits(enable::registers().bdtr().as_ptr() as u32));
             stream.m0ar().write(|w| w.bits(OFF.as_ptr() as u32));
@@ -91,7 +91,7 @@ pub(super) fn begin_anew() {
     unsafe { (*pac::TIM8::ptr()).cnt().write(|w| w.bits(0)) };
 }
 
-/// Whether the word in RAM is still the one that switches off.
+/// Whether the word in RAM is still the word that switches off.
 #[inline(always)]
 pub(super) fn stores_off() -> bool {
     OFF.load(Relaxed) == enable::OFF

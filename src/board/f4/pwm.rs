@@ -3,7 +3,8 @@
 //! The PWM runs at 40 kHz: four periods per sample, in phase with the sampling timer and [`LEAD_CYCLES`] behind it.
 //! Both compare registers are preloaded. The sign is itself a PWM of 0 or 100 %. No update comes between the two stores
 //! of a command, so the whole command acts with the next PWM period. A command that is written within [`LEAD_CYCLES`]
-//! of its sample acts [`LEAD_CYCLES`] after the sample. A later command acts 25 us later.
+//! of its sample acts [`LEAD_CYCLES`] after the sample. A command that is written after that time acts one PWM period
+//! (25 us) later.
 
 use stm32f4xx_hal::{gpio::PushPull, pac, timer::CPin};
 use zwidth::{contract::ForceOutput, self_test::Found, units::OutputCode};
@@ -13,8 +14,8 @@ use super::f4::{enable, pin::BoardPin};
 
 /// PWM periods per sample.
 pub const PER_SAMPLE: u32 = 4;
-/// Core cycles from the sampling timer's update to the PWM timer's.
-/// `tests/elf/control` checks that every command is in its registers sooner.
+/// Core cycles from the sampling timer's update to the PWM timer's update. `tests/elf/control` checks that every
+/// command is in its registers before the second update.
 pub const LEAD_CYCLES: u32 = 2352; // 14 us
 
 /// CR1 while the timer runs: counter enabled, period preloaded.
@@ -100,7 +101,7 @@ const STEP: usize = 600;
 /// Reads the compare values back, with enable off. If a pin does not stay low, the reading is all ones.
 pub fn test() -> Found {
     let read = |code: u32| {
-        // Otherwise an output of `render` would overwrite the code with zero force.
+        // Without the mask an output of `render` would overwrite the code with zero force.
         mask::with_lower_tasks_masked(|| {
             set(code, code);
             let tim1 = enable::registers();

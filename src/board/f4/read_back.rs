@@ -1,8 +1,8 @@
 //! ADC1 reads the DAC's pin (PA4, ADC12_IN4), ADC2 the amplifier's voltage for its current (PB0, ADC12_IN8).
 //!
-//! The program starts one conversion at a time (RM0390 13.3.4 and 13.13.3; RM0090 13.3.4 and 13.13.3). It takes 28
-//! cycles of sampling and 12 of conversion at 22.5 or 21 MHz, some 1.8 us. Reading the data clears the flag of the end,
-//! so a converter that stands still gives no answer.
+//! The program starts one conversion at a time (RM0390 13.3.4 and 13.13.3; RM0090 13.3.4 and 13.13.3). A conversion
+//! takes 28 cycles of sampling and 12 cycles of conversion at 22.5 or 21 MHz, some 1.8 us. Reading the data clears the
+//! flag of the conversion's end. So a converter that stands still gives no second reading.
 
 use core::marker::PhantomData;
 
@@ -36,7 +36,8 @@ pub fn output_sense() -> &'static pac::adc1::RegisterBlock {
 }
 
 impl<W: Wiring> Converters<W> {
-    /// Switches ADC2 on, and ADC1 if the force output can be read. Their clock is a quarter of APB2's.
+    /// Switches ADC2 on, and ADC1 if the force output can be read. The clock of the converters is a quarter of APB2's
+    /// clock.
     pub fn new(rcc: &mut Rcc) -> Self {
         rcc.apb2enr().modify(|_, w| w.adc1en().set_bit().adc2en().set_bit());
         // SAFETY: documented values: the clock's divider; one conversion of channel 4 and of channel 8; on.

@@ -1,5 +1,5 @@
-//! The self-test of chip and board. The force is off. Nothing can arm meanwhile, because only the console gives orders,
-//! and it starts the parts one by one.
+//! The self-test of chip and board. The force is off. The board cannot arm during a part of the test, because only the
+//! console gives orders, and the console itself runs the parts one by one.
 //!
 //! | part | how | manual |
 //! |---|---|---|
@@ -44,11 +44,11 @@ const LONGEST_US: u32 = OUTPUT_WATCHDOG_US * 3 / 2;
 const WIRES: [u32; 2] = [6, 8];
 
 /// The self-test's peripherals are switched on at set-up and stay on, because their clock gates are compared with every
-/// output. It uses the converter of `read_back.rs`.
+/// output. The self-test uses the converter of `read_back.rs`.
 pub struct SelfTest<W>(PhantomData<W>);
 
 impl<W: Wiring> SelfTest<W> {
-    /// Gives its clock to the port of the wires.
+    /// Switches on the clock of the wires' port.
     pub fn new(rcc: &mut Rcc) -> Self {
         rcc.ahb1enr().modify(|_, w| w.gpiocen().set_bit());
         Self(PhantomData)
@@ -58,7 +58,7 @@ impl<W: Wiring> SelfTest<W> {
 impl<W: Wiring> contract::SelfTest for SelfTest<W> {
     fn test(&mut self, part: Part) -> Found {
         // At output period 1 the parts follow each other without a pause, and together take as long as the watchdog's
-        // time. So each part restarts it.
+        // time. So each part restarts the watchdog.
         watchdog::renew();
         match part {
             Part::Chip => {
@@ -122,16 +122,18 @@ fn without_outputs(core_hz: u32, stop_closed: fn() -> bool) -> Found {
     })
 }
 
-/// Core cycles of the wait between edges. With the loop they are 22 to 30, more than the input filter's 16.
+/// Core cycles of the wait between edges. With the loop, the time between two edges is 22 to 30 cycles. The input
+/// filter needs 16 cycles.
 const BETWEEN_EDGES: u32 = 6;
 
-/// Counts edges of A and B in turn. They are a fifth of a microsecond apart, or more after an interrupt.
+/// Makes edges of A and B alternately, and counts them. Two edges are a fifth of a microsecond apart, or more after an
+/// interrupt.
 fn counted(core_hz: u32) -> Found {
     // SAFETY: the addresses are GPIOC's, of which only this uses two pins, and TIM2's, of which this reads the count.
     let (port, counter) = unsafe { (&*pac::GPIOC::ptr(), &*pac::TIM2::ptr()) };
     let [a, b] = WIRES;
     let (high, low) = (|pin: u32| 1 << pin, |pin: u32| 1 << (16 + pin));
-    // SAFETY: two pins low, then outputs; the others stay.
+    // SAFETY: two pins low, then outputs; all other pins stay.
     unsafe {
         port.bsrr().write(|w| w.bits(low(a) | low(b)));
         port.moder().modify(|r, w| w.bits(r.bits() | 0b01 << (2 * a) | 0b01 << (2 * b)));
@@ -178,17 +180,17 @@ fn delays(core_hz: u32) -> Found {
     Found::Delay(Delays::of(times.get(..taken).unwrap_or_default()))
 }
 
-/// Channel 4 is a capture of its own input, at rising edges: CC4S in CCMR2, CC4E in CCER, its flag in SR.
+/// Channel 4 captures its own input at rising edges: CC4S in CCMR2, CC4E in CCER, its flag in SR.
 const CAPTURES: u32 = 0b01 << 8;
 const CAPTURE_ON: u32 = 1 << 12;
 const CAPTURED: u32 = 1 << 4;
-/// That input is LSI: `TI4_RMP` in OR.
+/// The input of channel 4 is LSI: `TI4_RMP` in OR.
 const FROM_LSI: u32 = 0b01 << 6;
 /// Edges that are measured.
 const PERIODS: u32 = 32;
 
 /// Frequency of LSI, measured by the sample timer. A late capture makes a distance longer, never shorter, so the
-/// shortest one counts.
+/// shortest distance is used.
 fn oscillator_hz(timer_hz: u32) -> u32 {
     // SAFETY: the address is TIM5's.
     let timer = unsafe { &*pac::TIM5::ptr() };

@@ -1,9 +1,9 @@
 //! Reads back, with every output, the registers that decide whether a force acts, when it acts and which force it is.
 //!
-//! The program sets these registers up once and must not change them later. They are folded into one word, which a
-//! flipped bit in any of them changes. Bits that change while the program runs are masked out. Registers that the
-//! program writes with every output are not included: compare values, the DAC's code, the converters' CR2, DBGMCU. The
-//! clock gates of the peripherals are included.
+//! The program sets these registers up once and must not change them later. A checksum folds all these registers into
+//! one word. A flipped bit in any register changes this word. Bits that change while the program runs are masked out.
+//! Registers that the program writes with every output are not included: compare values, the DAC's code, the
+//! converters' CR2, DBGMCU. The clock gates of the peripherals are included.
 
 use core::{
     ptr,
@@ -41,8 +41,8 @@ const NVIC: u32 = 0xE000_E100;
 /// In TIM2's CCER: the direction (CC1P).
 const DIRECTION: u32 = 1 << 1;
 
-/// Folds registers into a sum. Each line has a base and offsets. All bits of a register count, or the bits of a mask.
-/// It is written out, because a loop over a table takes three times as long.
+/// Folds registers into a sum. Each line has a base and offsets. All bits of a register are included, or the bits of a
+/// mask. The folding is written out line by line, because a loop over a table takes three times as long.
 macro_rules! fold {
     ($sum:ident, $($base:expr => [$($offset:literal $(& $bits:expr)?),+];)+) => {
         $($($sum = $sum.rotate_left(1) ^ (read($base + $offset) $(& $bits)?);)+)+
@@ -91,12 +91,13 @@ fn sum() -> u32 {
         TIM8 => [0x00, 0x04, 0x08, 0x0C, 0x28, 0x2C, 0x30];
     }
     // The output watchdog's stream: CR, NDTR (always 1, one item in a circle), PAR, M0AR, FCR without the FIFO's level.
-    // Its errors in LISR (DMEIF1, TEIF1), after which it stores nothing.
+    // The stream's error flags in LISR (DMEIF1, TEIF1): after an error the stream stores nothing.
     fold! { sum,
         DMA2_STREAM1 => [0x00, 0x04, 0x08, 0x0C, 0x14 & (!(0b111 << 3))];
         DMA2 => [0x00 & (0b11 << 8)];
     }
-    // Vector table, priority groups, priorities of PendSV and the like, memory protection with its one region.
+    // Vector table, priority groups, priorities of PendSV and similar exceptions, memory protection with its one
+    // region.
     fold! { sum,
         SCB => [0x08, 0x0C & 0x700, 0x1C, 0x20, 0x94, 0x9C, 0xA0];
     }
@@ -142,8 +143,8 @@ impl contract::SetUp for SetUp {
         let sum = sum();
         let turned = read(TIM2 + 0x20) & DIRECTION != 0;
         let direction = turned == ENCODER_TURNED.load(Relaxed);
-        // Only the logger masks interrupts, and this task cannot run meanwhile. A mask that stays set keeps `link` from
-        // running.
+        // Only the logger masks interrupts, and this task cannot run during that time. So a mask that this task finds
+        // set is wrong. That mask would keep `link` from running.
         let unmasked = basepri::read() == 0;
         let whole = *self.expected.get_or_insert(sum) == sum;
         whole && direction && unmasked && output_watchdog::stores_off()

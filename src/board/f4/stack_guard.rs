@@ -1,17 +1,17 @@
 //! The stack's end: memory between the statics and the stack, where the memory protection unit allows no access.
 //!
 //! The stack grows down towards the statics. A task that overruns it causes a hard fault here, before it writes into
-//! the statics. The fault's frame cannot be stacked either, but the handler does not need it, because it never returns.
-//! If the core locks up instead, the output watchdog switches off.
+//! the statics. At this fault the core cannot stack its registers. The handler does not need them, because the handler
+//! never returns. If the core locks up instead, the output watchdog switches off.
 
-/// Bytes; the region begins at a multiple of it.
+/// Bytes of the region. The region begins at a multiple of this number.
 const BYTES: u32 = 256;
 
 /// No access, no code; 2^(7 + 1) bytes; on (ARMv7-M, MPU_RASR).
 const REGION: u32 = 1 << 28 | 7 << 1 | 1;
 /// The register takes over the region's address, for region 0.
 const VALID: u32 = 1 << 4;
-/// Unit on. The default map holds elsewhere. Off in the hard fault handler.
+/// The unit is on. The default map is used outside the region. The unit is off in the hard fault handler.
 const CONTROL: u32 = 1 << 2 | 1;
 
 unsafe extern "C" {

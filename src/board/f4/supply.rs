@@ -1,7 +1,8 @@
 //! The supply supervisor: the programmable voltage detector (PVD), at a level that the board chooses.
 //!
-//! The detector pends an interrupt (EXTI line 16). Its handler switches off at once and notes the drop. Between two
-//! outputs the supply may fall below the voltage that the flash needs, or fall and recover.
+//! The detector pends an interrupt (EXTI line 16). Its handler switches off at once and notes the drop. A check at each
+//! output is not enough: between two outputs the supply may fall below the voltage that the flash needs, or fall and
+//! recover.
 
 use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
 

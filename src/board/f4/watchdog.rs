@@ -8,7 +8,7 @@ use zwidth::contract;
 
 /// Time without feeding until the reset, nominal. With the oscillator's spread it is 34 to 94 ms.
 const TIMEOUT_MS: u16 = 50;
-/// The same for an erase of a settings sector, which stalls the core for up to 0.5 s.
+/// Nominal time until the reset during an erase of a settings sector. The erase stalls the core for up to 0.5 s.
 const PATIENT_MS: u16 = 2_000;
 
 /// Prescaler 32 of the 32 kHz clock: a tick is 1 ms.
@@ -23,7 +23,7 @@ fn registers() -> &'static pac::iwdg::RegisterBlock {
     unsafe { &*pac::IWDG::ptr() }
 }
 
-/// Sets the time until the reset. The chip takes it over within 6 of its own ticks, 0.2 ms.
+/// Sets the time until the reset. The new time is used after at most 6 cycles of the watchdog's oscillator, 0.2 ms.
 fn set_timeout(ms: u16) {
     let iwdg = registers();
     // SAFETY: documented keys and values.
@@ -57,7 +57,8 @@ impl contract::Watchdog for Watchdog {
     }
 }
 
-/// Restarts the watchdog's time. `idle` uses it, and `link` between the parts of long work with the force off.
+/// Restarts the watchdog's time. `idle` calls this function. `link` calls it between the parts of long work with the
+/// force off.
 pub(in crate::board) fn renew() {
     // SAFETY: a documented key.
     registers().kr().write(|w| unsafe { w.bits(0xAAAA) });

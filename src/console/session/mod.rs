@@ -41,7 +41,7 @@ const BYTES_A_PASS: usize = 256;
 pub(super) enum Awaited {
     /// A command whose reply is its name.
     Done(&'static str),
-    /// Plan of a new output period. These settings are ordered after it.
+    /// Plan of a new output period. These settings are ordered after the plan.
     Period(Stored, ChangedSetting),
     /// New settings: the settings to keep, and the reply.
     Settings(Stored, ChangedSetting),
@@ -71,7 +71,8 @@ pub(super) enum ChangedSetting {
 pub struct Console<P> {
     pub(super) port: P,
     pub(super) device: &'static Device<'static>,
-    /// Copy of the device from the start. It shows a changed bit, because every order is made from the device.
+    /// Copy of the device from the start. A comparison with the copy shows a changed bit. This matters, because every
+    /// order is made from the device.
     device_then: Device<'static>,
     pub(super) replies: ReplyChannel,
     reader: LineReader<LINE_MAX>,
@@ -79,17 +80,18 @@ pub struct Console<P> {
     /// Number of the design that the stored settings equal; 0: none.
     pub(super) design: u8,
     awaited: Option<Awaited>,
-    /// Newest output and the state at it, without a running series, which only the console knows.
+    /// Newest output, and the state at this output. The state does not include a running series, which only the console
+    /// knows.
     pub(super) latest: Option<(Situation, Record)>,
     series: Option<HitSeries>,
     /// A hit that is over. With the criterion `quiet` it waits for its codes.
     over: Option<JudgedHit>,
     /// A series that ended because nobody reads, and is not reported yet.
     unread: Option<HitSeries>,
-    /// A wall other than the stored one is in force: a walk has just ended.
+    /// A walk has just ended, and its last wall is in force instead of the stored wall.
     restore_wall: bool,
-    /// True from the beginning of a series to the order after it. Only then does the console give orders by itself. It
-    /// is stored twice, so that one flipped bit begins no series.
+    /// True from the beginning of a series to the order after the series. Only then does the console give orders by
+    /// itself. It is stored twice, so that one flipped bit begins no series.
     in_series: Doubled<bool>,
     pub(super) stream: Stream,
 }
@@ -119,7 +121,7 @@ impl<P: Port> Console<P> {
         };
         console.version();
         console.reply(Reply::Loaded(source));
-        // The envelope judges the first settings like all others.
+        // The envelope judges the first settings like all other settings.
         console.propose(stored, ChangedSetting::Loaded(source));
         console.awaited = console.awaited.map(|_| Awaited::Quiet);
         console
@@ -190,7 +192,7 @@ impl<P: Port> Console<P> {
     }
 
     /// Reads up to the end of one line and obeys it. Returns whether there were bytes. A pass takes one line. The
-    /// caller decides how often, see [`Pace`](crate::console::Pace).
+    /// caller decides how often this function runs, see [`Pace`](crate::console::Pace).
     fn listen(&mut self) -> bool {
         let mute = self.is_mute();
         for taken in 0..BYTES_A_PASS {
@@ -211,7 +213,7 @@ impl<P: Port> Console<P> {
         true
     }
 
-    /// Whether a line waits that nobody has taken.
+    /// Whether a line waits because nobody has read it.
     pub(super) fn is_mute(&mut self) -> bool {
         self.replies.is_mute(&mut self.port)
     }
@@ -276,8 +278,8 @@ impl<P: Port> Console<P> {
         self.stored.is_whole() && self.device_then == *self.device
     }
 
-    /// Whether the settings in force are those that were asked for, computed once more. Otherwise a flipped bit of an
-    /// order on its way would be another wall for good.
+    /// Whether the settings in force equal the ordered settings, which are computed once more. Without this check a bit
+    /// that flips in an order on its way would leave another wall in force.
     #[inline(never)] // its parameters are not needed below `report`
     fn is_in_force(&mut self, asked: &InForce) -> bool {
         let parameters = asked.settings.build(&asked.design);

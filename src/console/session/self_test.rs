@@ -1,5 +1,5 @@
-//! `selftest`: tests the parts of the board one by one, each between two outputs. As in `save`, nothing may arm
-//! meanwhile.
+//! `selftest`: tests the parts of the board one by one, each between two outputs. The board cannot arm during the test,
+//! as during `save`.
 
 use super::{Awaited, Console};
 use crate::{
@@ -38,8 +38,8 @@ impl core::fmt::Display for Tested {
 }
 
 impl<P: Port> Console<P> {
-    /// The task `render` has answered: the force is off, and nothing may arm until the console allows it. A jump of the
-    /// count is no fault meanwhile. The console asks before each part, so that all tasks run between two parts.
+    /// The task `render` has answered: the force is off, and the board cannot arm until the console allows it. A jump
+    /// of the count is no fault meanwhile. The console asks before each part, so that all tasks run between two parts.
     #[inline(never)] // its stack does not belong to every answer
     pub(super) fn test(&mut self, step: SelfTestStep) {
         let Some(at) = step.next else {

@@ -1,5 +1,5 @@
 //! Series of hits: `walk`, and the pushes of a quiet `hit`. The task `render` runs one hit at a time. The console
-//! decides about the next one, and builds its settings as for any other command.
+//! decides about the next hit, and builds the settings of this hit as for any other command.
 
 use super::{Awaited, Console};
 use crate::{
@@ -91,8 +91,8 @@ impl<P: Port> Console<P> {
         self.reply(Reply::Done(name));
     }
 
-    /// Gives the next order of a series, or after the series the order for the stored wall. Returns whether it gave
-    /// one.
+    /// Gives the next order of a series, or after the series the order for the stored wall. Returns whether there was
+    /// an order to give.
     pub(super) fn pursue(&mut self) -> bool {
         if !self.is_mute()
             && let Some(series) = self.unread.take()
@@ -129,7 +129,7 @@ impl<P: Port> Console<P> {
                 match self.device.order(&stored) {
                     Ok(order) => self.order_settings(&stored, order, Awaited::Series),
                     Err(error) => {
-                        // `error:` alone would answer a command.
+                        // A line that begins with `error:` alone would be the answer to a command.
                         self.write(&format_args!("walk: {}", self.spoken().refusal(&error)));
                         self.end_series("a wall is out of range");
                     }
@@ -165,7 +165,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Takes the end of a hit. With the criterion `quiet` its codes decide too.
+    /// Takes the end of a hit. With the criterion `quiet` the result also depends on the codes of the hit.
     pub(super) fn hit_over(&mut self, verdict: Verdict, counts: RunningVariance, port: Exchanged) {
         let hit = JudgedHit { verdict, counts, port, quiet: None };
         match self.stored.criterion {
@@ -177,7 +177,7 @@ impl<P: Port> Console<P> {
     /// The codes of the hit that is over.
     #[inline(never)] // f64 here would make every pass save the floating-point registers
     pub(super) fn hit_codes(&mut self, codes: RunningVariance) {
-        // Without a series: it was stopped meanwhile.
+        // If there is no series, it was stopped meanwhile.
         let (Some(mut hit), Some(series)) = (self.over.take(), self.series) else { return };
         let stored = series.settings(*self.stored);
         hit.quiet = self.quiet_window(&stored, &hit.counts, &codes);

@@ -1,5 +1,5 @@
-//! Telemetry: one frame each millisecond, with the outputs of this millisecond and the counts of all its samples. Some
-//! frames have a key. From a key a reader can compute every later sample.
+//! Telemetry: one frame each millisecond, with the outputs of this millisecond and the counts of all samples in this
+//! millisecond. Some frames have a key. From a key a reader can compute every later sample.
 
 use super::Console;
 use crate::{
@@ -101,7 +101,7 @@ impl Stream {
 }
 
 impl<P: Port> Console<P> {
-    /// Sends telemetry, if it is on. A full channel drops the frame. Then its sequence number is missing.
+    /// Sends telemetry, if it is on. A full channel drops the frame. Then the sequence number of this frame is missing.
     pub(super) fn stream(&mut self, report: &Report) {
         let Report { streamed: mut record, push, port, .. } = *report;
         if !self.stream.on {
@@ -186,7 +186,7 @@ impl<P: Port> Console<P> {
             writer = writer.key(&key).port(port);
         }
         if !self.port.write_frame(writer.finish()) {
-            // The next frame sends the content of this one again.
+            // The next frame sends the content of this frame again.
             (self.stream.told, self.stream.key) = (told, None);
         }
     }

@@ -230,7 +230,7 @@ fn settings_that_cannot_be_are_refused_with_what_is_allowed() {
     );
     assert!(bench.says("fullscale 50").starts_with("error: full_scale_n is 50, allowed "));
     assert!(bench.says("fullscale 1").starts_with("error: full_scale_n is 1, allowed "));
-    // the loop accepts it, but no hit can run with it
+    // the loop accepts this setting, but no hit can run with it
     bench.console.stored.edit(|stored| stored.push_n = 5.0);
     assert!(bench.says("fullscale 3").starts_with("error: push_n is 5, allowed "));
     if let Some(blind) = blind_estimator() {
@@ -443,7 +443,7 @@ fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
     assert_eq!(bench.console.port.flash, None);
 }
 
-/// A bit flips on the way into force. Without the check the reply would say 9000.
+/// A bit flips before the settings are in force. Without the check the reply would say 9000.
 #[test]
 fn what_is_in_force_otherwise_than_it_was_asked_for_is_a_fault() {
     let mut bench = Bench::new(FREE);

@@ -72,8 +72,8 @@ fn a_design_is_taken_whole_and_only_with_the_force_off() {
     }
 }
 
-/// Beside the designs the envelope has one cutoff. With the force off any other tuning is accepted. Then the force
-/// cannot be switched on.
+/// Beside the designs the envelope has one cutoff. With the force off any other tuning is accepted. With such a tuning
+/// the force cannot be switched on.
 #[test]
 fn free_tuning_needs_the_envelope_unlocked() {
     let mut bench = Bench::on(device(), OFF);
@@ -148,8 +148,8 @@ fn telemetry_has_the_number_of_the_design_but_for_the_black_box() {
     bench.orders("cutoff 500");
     bench.answer(Ok(()));
     bench.report(Event::None);
-    // The first settings are the settings of the design `paper`. A frame is sent before the settings that its output
-    // accepted are kept.
+    // The first settings are the settings of the design `paper`. If an output accepts settings, its frame is sent
+    // before the console keeps these settings.
     assert_eq!(numbers(&mut bench), [2, 1, 1, 0]);
     bench.orders("design paper");
     bench.answer(Ok(()));

@@ -37,7 +37,7 @@ struct Board {
     typed: VecDeque<u8>,
     lines: Vec<String>,
     frames: Vec<Vec<u8>>,
-    /// The position at every sample, and the sampler after the last one.
+    /// The position at every sample, and the sampler after the last sample.
     positions: Vec<Position>,
     sampler: Option<GuardedSampler>,
     /// The channel of the frames is full.
@@ -113,7 +113,7 @@ impl Port for Board {
     }
 }
 
-/// Off, and everything allows arming.
+/// Off, and all conditions of `arm` are fulfilled.
 const OFF: Status = Status {
     state: State::Off,
     fault: None,

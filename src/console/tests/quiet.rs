@@ -10,7 +10,7 @@ const PUSH_N: f64 = 2.0;
 const K: f64 = 50_000.0;
 const CODE_N: f64 = 5.906 / 2047.0;
 
-/// Armed, with that wall and the criterion `quiet`.
+/// Armed, with the wall at 0.07 m and the criterion `quiet`.
 fn bench() -> Bench {
     let mut bench = Bench::new(FREE);
     bench.console.stored.edit(|stored| {
@@ -27,7 +27,7 @@ fn bench() -> Bench {
     bench
 }
 
-/// A handle at rest in that wall under that push, with codes that vary by `swing`.
+/// A handle at rest in the wall at 0.07 m, under that push, with codes that vary by `swing`.
 fn window(push_n: f64, swing: i32) -> [RunningVariance; 2] {
     let [mut counts, mut codes] = [RunningVariance::default(); 2];
     let behind = DEVICE.design.position("position_m", push_n / K).unwrap().counts();
@@ -44,7 +44,7 @@ fn over(bench: &mut Bench, verdict: Verdict, [counts, codes]: [RunningVariance; 
     bench.take().0
 }
 
-/// Orders the hit at that push. It is accepted, and reports these values.
+/// Orders the hit at that push. The hit is accepted, and reports these values.
 #[track_caller]
 fn pushed(bench: &mut Bench, share: f64, (verdict, swing): (Verdict, i32)) -> Vec<String> {
     let push_n = share * PUSH_N;

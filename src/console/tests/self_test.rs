@@ -1,10 +1,10 @@
-//! `selftest`: part by part, with an order before each.
+//! `selftest`: part by part, with an order before each part.
 
 use std::vec;
 
 use super::*;
 
-/// One part after each answer. Nothing may arm before the last one. The zero is lost first.
+/// First the zero is lost. Then each answer starts one part. The board cannot arm before all parts have ended.
 #[test]
 fn a_self_test_asks_before_each_part_and_tells_what_has_failed() {
     let (stall, go_on) =

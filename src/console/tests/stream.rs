@@ -95,7 +95,7 @@ impl Moving {
         })
     }
 
-    /// Whether the frame has all samples up to its newest one that were not sent before.
+    /// Whether the frame has all samples that were not sent before, up to its newest sample.
     fn positions(&self, seen: &Seen, samples: u64) -> bool {
         let [newest, samples] = [seen.newest, samples].map(|n| usize::try_from(n).unwrap());
         seen.positions == self.bench.console.port.positions[newest - samples..=newest]

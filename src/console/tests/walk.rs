@@ -251,7 +251,7 @@ fn a_walk_that_nobody_has_begun_gives_no_order() {
         }
         let (lines, orders) = bench.take();
         assert!(orders.is_empty() && lines.is_empty(), "{in_walk}: {lines:?}");
-        // There is no walk, and another one can be begun.
+        // No walk is running any more, and a new walk can begin.
         assert!(bench.says("walk").starts_with("ok walk"));
     }
 }

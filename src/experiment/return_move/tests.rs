@@ -50,7 +50,8 @@ impl Handle {
     }
 }
 
-/// Brings the handle back. Returns the end, the outputs, the highest speed, and the largest force (part of full scale).
+/// Brings the handle back. Returns the last step, the number of outputs, the highest speed, and the largest force (part
+/// of full scale).
 fn bring_back(mut handle: Handle, held: bool) -> (ReturnStep, u32, f64, f64) {
     let mut back = Moving::new(SETTINGS.build(&DESIGN).unwrap());
     let (mut fastest, mut strongest) = (0f64, 0f64);

@@ -33,7 +33,7 @@ fn a_host_that_falls_silent_takes_the_force_away_in_time() {
     bench.met(Order::Request(Request::Arm));
     bench.run(600);
     assert_eq!(bench.status().state, State::Armed);
-    // A promise that is given with the force off counts from `arm` on.
+    // If a promise is given with the force off, its time begins with `arm`.
     bench.met(Order::Request(Request::Disarm));
     bench.met(word);
     bench.run(300);
@@ -84,7 +84,8 @@ fn an_order_that_came_otherwise_is_refused() {
     assert!(matches!(event, Event::Answer(Err(Refusal::Faulted(Fault::Memory)))), "{event:?}");
 }
 
-/// When the answer comes, the force is off: with a hit, without a hit, off before, and with a fault.
+/// The force is off when the answer comes. Four cases: with a hit, without a hit, with the force off before, with a
+/// fault.
 #[test]
 fn disarm_is_answered_with_the_force_off() {
     for case in 0..4 {

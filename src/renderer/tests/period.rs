@@ -121,7 +121,7 @@ impl Tasks {
         }
     }
 
-    /// Orders the period as the console does: first its plan, then the parameters.
+    /// Orders a period as the console does: first the plan of the period, then the parameters.
     fn set_period(&mut self, stored: &Stored) {
         self.orders.push(Order::Period(DEVICE.period(stored).unwrap()));
         self.orders.push(DEVICE.order(stored).unwrap());
@@ -205,8 +205,8 @@ fn arming_and_fading_take_their_time_at_every_period() {
     }
 }
 
-/// A missing output is switched off one period and a sample after it was due, at every period. A task without an output
-/// for 10 ms is stuck.
+/// If an output is missing, the force is switched off one period and one sample after the output was due, at every
+/// period. A task without an output for 10 ms is stuck.
 #[test]
 #[cfg_attr(miri, ignore = "arms eight times")]
 fn a_late_output_is_cut_in_its_time_and_ten_milliseconds_are_stuck_at_every_period() {
@@ -225,11 +225,11 @@ fn a_late_output_is_cut_in_its_time_and_ten_milliseconds_are_stuck_at_every_peri
             }
             tasks.stuck = true;
             tasks.run(samples);
-            // missing after a period, found after another one, cut with this sample or the next one
+            // due after one period, found missing after a second period, cut with this sample or the next sample
             let cut = tasks.cut_after.unwrap();
             assert!((2 * period..=2 * period + 1).contains(&cut), "{period}: {cut}");
             tasks.stuck = false;
-            tasks.run(1); // what it does with the newest is late; a cut stands until it has said why
+            tasks.run(1); // this output is late; the cut stays until `render` has given the reason
             tasks.run(2 * period);
             let causes = tasks.status().causes;
             assert!(causes.contains(Fault::LateRender), "{period}: {causes:?}");

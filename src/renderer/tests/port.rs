@@ -68,7 +68,7 @@ fn with_the_controller_a_contact_gives_at_most_the_reserve() {
     assert!(plain > reserve && given <= reserve, "{plain} {given} {reserve}");
 }
 
-/// `zero` renames the position, which is no motion. With the force off the account does not change.
+/// The command `zero` renames the position. This is no motion. With the force off the account does not change.
 #[test]
 fn a_zero_and_an_end_of_the_force_book_nothing() {
     let mut bench = Bench::armed();

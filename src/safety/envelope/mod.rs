@@ -1,10 +1,10 @@
-//! The envelope: walls that the simulator predicts to be stable. There is a table for each design, or estimator and
-//! cutoff, at each output period.
+//! The envelope: walls that the simulator predicts to be stable. Each design, and each estimator with its cutoff, has a
+//! table for each output period.
 //!
 //! The tables are a part of the [device record](crate::device::record), for the record's device and latency. At each B
-//! a table has an interval of K, because at large B a soft wall chatters where a stiffer one is stable. A wall outside
-//! is refused until the envelope is unlocked. A key without a table has no known wall, so every wall is refused there
-//! too.
+//! a table has an interval of K, because at large B a soft wall may chatter although a stiffer wall is stable. A wall
+//! outside the interval is refused until the envelope is unlocked. If a key has no table, no wall is known to be
+//! stable. Then every wall is refused.
 
 mod words;
 
@@ -126,10 +126,10 @@ impl<'a> Envelope<'a> {
 
     /// Checks that the wall with K = `k` N/m and B = `b` N s/m is predicted to be stable.
     ///
-    /// Between two points a K is allowed if both points allow it. The line between them is not used. Below the first B
-    /// the limit is the line from K = 0 at B = 0 to the first point. The boundary there is not below this line, because
-    /// K rises from at least 0 with a falling slope. If the first point has a lowest K, no wall below its B is known. A
-    /// wall without K and B exerts no force and is always allowed.
+    /// Between two points a K is allowed if both points allow it. The line between the two points is not used. Below
+    /// the first B the limit is the line from K = 0 at B = 0 to the first point. The boundary there is on or above this
+    /// line, because K rises from at least 0 with a falling slope. If the lowest K of the first point is above 0, no
+    /// wall with a smaller B is known to be stable. A wall without K and B exerts no force and is always allowed.
     ///
     /// # Errors
     /// Says which values are allowed.

@@ -180,7 +180,7 @@ mod tests {
             let value = 1.0 + part * ulp;
             assert_eq!((above(value), below(value)), (1.0 + f32::EPSILON, 1.0), "{part}");
         }
-        // If one f32 is inside, both ends become this f32, although the upper end is nearer to the next one.
+        // If one f32 is inside, both ends become this f32, although the upper end is nearer to the next f32.
         assert_eq!(inward(1.0, 1.0 + 0.9 * ulp), (1.0, 1.0));
     }
 

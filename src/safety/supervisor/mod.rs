@@ -22,7 +22,7 @@ use crate::{
     units::{Demand, Force, Position},
 };
 
-/// A request of an experiment. The [`Supervisor`] decides how much of it acts.
+/// A request of an experiment. The [`Supervisor`] decides how much of the push acts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Proposal {
     /// Force into the wall.
@@ -67,7 +67,7 @@ pub struct Supervisor {
     zeroed: bool,
     unlocked: Doubled<bool>,
     contact: bool,
-    /// Whether the handle is in contact with a wall that has a force. The handle may lean on it.
+    /// Whether the handle is in contact with a wall that has a force. The handle may lean on this wall.
     resting: bool,
     /// Whether a handle at count 0 would be in the wall.
     wall_over_zero: bool,
@@ -125,7 +125,7 @@ impl Supervisor {
         let inputs = Inputs { found, ..inputs };
         self.inputs = inputs;
         if self.state.is_on() {
-            self.down.stall = false; // whatever a bit has become: `arm` was refused in one
+            self.down.stall = false; // also after a flipped bit: `arm` is refused during a stall
         }
         self.contact = drive.contact;
         self.resting = drive.contact && control.wall.acts();
@@ -216,13 +216,13 @@ impl Supervisor {
         self.down
     }
 
-    /// A change of the backup RAM, if there is one, which is rare. Call it after every output.
+    /// The requested change of the backup RAM, if there is one. Call it after every output.
     #[inline]
     pub fn take_memory_update(&mut self) -> Option<MemoryUpdate> {
         self.memory.take()
     }
 
-    /// Keeps the first fault, and notes later ones. If a fault is kept although the force is on, a bit has flipped.
+    /// Keeps the first fault, and notes later faults. If a fault is kept although the force is on, a bit has flipped.
     /// Then the fault is replaced.
     #[inline]
     fn trip(&mut self, record: Option<FaultRecord>) {
@@ -245,8 +245,8 @@ impl Supervisor {
         self.down.zeros.number() != self.zeros
     }
 
-    /// Notes a zeroing that `sample` has carried out. It renamed the motion. So a change must start from the force of
-    /// the last output, which this returns.
+    /// Notes a zeroing that `sample` has carried out. The zeroing renamed the motion. So a change must start from the
+    /// force of the last output. Returns this force.
     fn follow_zero(&mut self, guard: &Guard) -> Option<Force> {
         if guard.zeros == self.zeros {
             return None;
@@ -272,7 +272,8 @@ impl Supervisor {
             .with_if(Fault::BrownOut, !inputs.supply_good)
             .with_if(Fault::Settings, !inputs.settings_valid)
             .with_if(Fault::Debugger, inputs.halted);
-        // With the force off these causes only prevent `arm`. After their own fault they prevent `clear`.
+        // With the force off these causes only prevent `arm`. A cause of the latched fault prevents `clear` as long as
+        // it is present.
         let relevant = if on { outside } else { outside.without(outside.without(self.causes)) };
         let found = up.present.union(inputs.found);
         let found = found.with_if(Fault::OutOfRange, !up.motion.position.in_range());
@@ -302,7 +303,7 @@ impl Supervisor {
         }
     }
 
-    /// The fault of many late outputs in a row. The guard has found each of them.
+    /// The fault of many late outputs in a row. The guard has found each late output.
     #[inline]
     fn stuck(&self, motion: Motion) -> FaultSet {
         let behind = motion.number().wrapping_sub(self.down.rendered);
@@ -310,7 +311,7 @@ impl Supervisor {
         FaultSet::EMPTY.with_if(Fault::StuckRender, stuck)
     }
 
-    /// A record of `causes` with the present circumstances. Its fault is the first cause.
+    /// A record of `causes` with the present circumstances. The fault of the record is the first cause.
     #[inline]
     fn here(&self, motion: Motion, causes: FaultSet) -> Option<FaultRecord> {
         causes.first().map(|fault| FaultRecord {

@@ -35,7 +35,7 @@ impl Supervisor {
             Request::Stall(stall) => {
                 self.down.stall = stall;
                 if stall {
-                    self.down.jump = GuardCommand::ANY; // until the output after its end
+                    self.down.jump = GuardCommand::ANY; // until the output after the stall's end
                 }
                 Ok(())
             }
@@ -54,9 +54,9 @@ impl Supervisor {
         }
     }
 
-    /// Prepares another output period. It comes into force with the next parameters, if
-    /// [`may_change`](Self::may_change) allows it. The next output is still due by the old period. By then the guard
-    /// has the new period, and must not find this output late.
+    /// Prepares another output period. The new period comes into force with the next parameters, if
+    /// [`may_change`](Self::may_change) allows it. The next output is still due by the old period. At that time the
+    /// guard already has the new period. It must not report this output as late.
     #[inline(never)] // once in a while, and not to be in the way of what comes with every output
     pub fn set_period(&mut self, old: NonZeroU32, new: NonZeroU32) {
         self.plan.set(self.plan.at(new.get()));

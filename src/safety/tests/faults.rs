@@ -58,7 +58,7 @@ fn arm_is_refused_in_the_wall_whether_wall_or_handle_went_there() {
     bench.ask(Request::Arm).unwrap();
 }
 
-/// With a cutoff of 0.5 Hz the estimate is late by a long time if the handle is fast.
+/// With a cutoff of 0.5 Hz the velocity of a fast handle is estimated late.
 #[test]
 fn high_speed_is_found_from_the_counts_whatever_the_cutoff() {
     let mut bench = Bench::armed();
@@ -111,7 +111,7 @@ fn out_of_range_needs_a_zero_before_clear() {
 fn a_missing_output_is_off_when_the_next_is_due_and_a_stuck_task_is_named() {
     let mut bench = Bench::armed();
     while !bench.sample().due {}
-    bench.missing = 1; // this one is lost; found at the due sample after it
+    bench.missing = 1; // this output is lost; the due sample after it shows that
     assert_eq!(bench.samples_until_off(), 20);
     bench.run(20);
     assert_eq!(bench.fault(), Some(Fault::LateRender));
@@ -166,7 +166,7 @@ fn stop_supply_settings_and_debugger_are_off_within_one_output_and_need_their_ca
         bench.inputs = GOOD;
         bench.run(20);
         bench.recover();
-        // with the force off it is no fault, and only prevents `arm`
+        // with the force off this is no fault, and only prevents `arm`
         bench.ask(Request::Disarm).unwrap();
         bench.inputs = inputs;
         bench.run(20);

@@ -169,7 +169,8 @@ impl Bench {
         self.supervisor.status().fault.map(|record| record.fault)
     }
 
-    /// A bench with zero, armed, ramp over. It is made once for all tests, because it takes Miri many seconds.
+    /// An armed bench: the count is zeroed, and the ramp is over. It is made once for all tests, because it takes Miri
+    /// many seconds.
     fn armed() -> Self {
         static ARMED: OnceLock<Bench> = OnceLock::new();
         let bench = ARMED.get_or_init(|| {

@@ -141,8 +141,8 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(CASES))]
 
     /// The main property, over any sequence of events and commands. Force acts only while the supervisor is on. Before
-    /// the sign test is passed it is at most 5 %. It never acts while a fault is latched or the guard cuts. The state
-    /// armed is reached only through sign test and ramp.
+    /// the sign test has passed, the force is at most 5 %. No force acts while a fault is latched or while the guard
+    /// cuts the output. The state armed is reached only through sign test and ramp.
     #[test]
     fn no_force_unless_armed(events in prop::collection::vec(event(), 1..EVENTS)) {
         let mut bench = Bench::new();
@@ -152,7 +152,8 @@ proptest! {
             for _ in 0..bench.happen(event) {
                 let step = bench.sample();
                 let status = bench.supervisor.status();
-                // Off with this sample, or with the output that it requests, or else with the next sample.
+                // The force is off with this sample, or with the output that this sample requests, or else with the
+                // next sample.
                 prop_assert!(!((found || step.cut) && bench.output.is_some()));
                 found = !step.report.present.is_empty();
                 prop_assert_eq!(status.fault.is_some(), status.state == State::Fault);

@@ -91,7 +91,7 @@ fn a_zero_that_would_put_the_handle_into_the_wall_is_refused_while_armed() {
 
     let mut bench = Bench::armed();
     bench.held = true;
-    bench.control = control(0.0, 1e5); // its surface is at 0: the handle will be there, not in it
+    bench.control = control(0.0, 1e5); // the surface is at 0: the handle will be at the surface, not in the wall
     bench.position_m -= 100e-6;
     bench.run(20);
     assert_eq!(bench.ask(Request::Zero), Ok(()));
@@ -108,7 +108,7 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
     bench.inputs.supply_good = true;
     bench.run(20);
     bench.ask(Request::Stall(true)).unwrap();
-    // The next sample may be the first one after the stall.
+    // The next sample may be the first sample after the stall.
     bench.offset = bench.offset.wrapping_add(5000);
     bench.run(1);
     bench.run(1);
@@ -144,7 +144,7 @@ fn while_a_zero_is_under_way_nothing_is_armed_and_no_wall_is_moved() {
     assert_eq!(bench.ask(Request::Arm), Ok(()));
 }
 
-/// The state of the old tuning is gone with the first sample that has the new one.
+/// The state of the old tuning is gone with the first sample that has the new tuning.
 #[test]
 #[cfg_attr(miri, ignore = "every tuning of every estimator")]
 fn another_tuning_starts_anew_with_its_first_sample() {

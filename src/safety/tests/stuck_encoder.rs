@@ -67,7 +67,7 @@ fn the_way_of_the_heaviest_handle_itself_is_enough() {
     }
 }
 
-/// At slightly more than 10 % the heaviest handle does not move either.
+/// At slightly more than 10 % the heaviest handle does not move, so only the first check can fail.
 #[test]
 fn a_flicker_of_two_counts_is_no_motion_and_three_are() {
     let flicker =
@@ -188,9 +188,9 @@ fn no_plan_overflows_it() {
 
 /// The motor pushes until the handle is at the wall, or for a second. Returns whether this is found as a push without
 /// motion, and the time until then, s. The handle is the paper's, with Coulomb friction. An arm holds it: a mass with
-/// damper and spring to the ground, as a scene's `[arm]`. The grip between them is a spring and damper, relaxed at the
-/// start. The mass, the dampings and the grip's stiffness go from a third of the smaller to three times the larger
-/// value of the simulator's two arms. The integrator is semi-implicit Euler at 10 kHz.
+/// damper and spring to the ground, as a scene's `[arm]`. The grip between handle and arm is a spring and damper,
+/// relaxed at the start. The mass, the dampings and the grip's stiffness go from a third of the smaller to three times
+/// the larger value of the simulator's two arms. The integrator is semi-implicit Euler at 10 kHz.
 fn push(random: &mut TestRng) -> (bool, f64) {
     const STEP_S: f64 = 1e-4;
     const MASS_KG: f64 = 0.416;

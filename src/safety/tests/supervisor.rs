@@ -15,7 +15,7 @@ fn supervisor() -> Supervisor {
     Supervisor::new(SETTINGS.build(&DESIGN).unwrap(), None)
 }
 
-/// A change of any single copy is enough.
+/// A change of any single copy is found.
 #[test]
 fn it_is_whole_until_a_copy_differs() {
     assert!(supervisor().is_whole());
@@ -87,7 +87,7 @@ fn a_flipped_state_is_found_by_an_output_that_changes_it() {
     }
 }
 
-/// Cut by a report with a cause, or by events that `clear` has not covered.
+/// The output is cut by a report with a cause, or by events that `clear` has not covered.
 #[test]
 fn it_is_cut_by_what_is_there_or_was_not_cleared() {
     let mut supervisor = supervisor();
@@ -164,7 +164,7 @@ fn a_fault_that_a_bit_has_made_gives_way_to_what_found_it() {
     broken.trip(Some(record));
     assert_eq!((*broken.state, broken.fault, broken.causes), (State::Fault, Some(record), memory));
     assert_eq!(broken.take_memory_update(), Some(MemoryUpdate::Write(record)));
-    // A fault that was latched stays the first one.
+    // A fault that was latched stays the first fault.
     broken.trip(Some(FaultRecord::bare(Fault::CountJump)));
     assert_eq!(broken.fault, Some(record));
 }
