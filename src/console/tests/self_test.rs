@@ -1,10 +1,10 @@
-//! `selftest`: part by part, with an order before each.
+//! `selftest`: before each part the console sends an order.
 
 use std::vec;
 
 use super::*;
 
-/// One part after each answer. Nothing may arm before the last one. The zero is lost first.
+/// After each answer the console tests one part. Nothing may arm before the last answer. The zero is lost first.
 #[test]
 fn a_self_test_asks_before_each_part_and_tells_what_has_failed() {
     let (stall, go_on) =
