@@ -21,7 +21,7 @@ pub fn outputs_per_ms(period: u32) -> u32 {
 
 /// Core cycles of a sample on the slowest board, 168 MHz.
 const SAMPLE: u32 = 16_800;
-/// Core cycles of a sample without the estimator (handler, guard, hand-over) at period 1, at which every sample is due.
+/// Core cycles of a sample at period 1 (an output each sample): handler, guard and hand-over, but not the estimator.
 pub const GUARD: u32 = 220;
 /// Core cycles of a `render` with no order or a small one. Large orders are not given while the logger writes.
 const RENDER: u32 = 3_600;

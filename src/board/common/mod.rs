@@ -1,4 +1,4 @@
-//! Code for all boards with a Cortex-M4: the log and the probe link.
+//! Code for a board with any Cortex-M4: log, probe link, critical section, device record and image in flash.
 
 pub(in crate::board) mod control_block;
 pub mod device_record;

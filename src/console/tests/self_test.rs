@@ -1,10 +1,10 @@
-//! `selftest`: part by part, with an order before each part.
+//! `selftest`: before each part the console sends an order.
 
 use std::vec;
 
 use super::*;
 
-/// First the zero is lost. Then each answer starts one part. The board cannot arm before all parts have ended.
+/// After each answer the console tests one part. Nothing may arm before the last answer. The zero is lost first.
 #[test]
 fn a_self_test_asks_before_each_part_and_tells_what_has_failed() {
     let (stall, go_on) =

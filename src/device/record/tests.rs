@@ -145,7 +145,7 @@ fn a_number_that_is_none_is_refused_wherever_it_stands() {
     }
 }
 
-/// Numbers with which no fault could be found, or no motion stopped.
+/// With each of these numbers, the board could not find a fault, or could not stop a motion.
 #[test]
 fn a_device_that_nobody_holds_is_refused() {
     type Edit = fn(&mut Device<'static>);

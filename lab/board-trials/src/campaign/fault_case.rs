@@ -321,7 +321,7 @@ fn counts(world: &mut World<'_>) -> Result<i32, Failed> {
 }
 
 /// Addresses of the words in which `sample` stores the position: in the encoder, and in the report of the last output.
-/// The search runs while the handle is held.
+/// The words are found by their values, while the handle is held.
 fn position_words(elf: &Elf, world: &mut World<'_>) -> Result<Vec<u32>, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let before = world.snapshot();

@@ -115,7 +115,7 @@ fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [u32; 4]), Failed> {
 }
 
 /// Flips a bit of the word that stores the encoder's count at position 0. The bit has the value of 128 counts. The
-/// search runs with the force off. The word changes with each `zero`, but not while the handle moves. The word is
+/// word is found by its values, with the force off. It changes with each `zero`, but not while the handle moves. It is
 /// always the difference of two other words: the last count, and the position.
 fn origin(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
@@ -166,8 +166,8 @@ fn state(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Flips the index of the queue of orders. The index then points to the queue's other entry, an old order. The search
-/// for the index runs with the force off: the index changes with each order, and only then.
+/// Flips the index of the queue of orders. The index then points to the queue's other entry, an old order. The index
+/// is found by its values, with the force off. It changes with each order, and only then.
 fn order(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     ask(world, "disarm")?;

@@ -268,8 +268,8 @@ const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
 /// half of the largest B that this filter reaches is used.
 const USUAL_DAMPING_N_S_PER_M: f64 = 100.0;
 
-/// B at which K is read: the default, or half of the largest B that the boundaries reach. The result is on the walk's
-/// grid.
+/// B at which K is read: the default, or half of the largest B that the boundaries reach if this half is smaller. The
+/// half is rounded down to the walk's grid. The result is at least the walk's first B.
 pub fn damping_of(boundaries: Option<&Boundaries>, scene: &Scene) -> f64 {
     let plan = scene.walk_plan();
     let reached = boundaries.map_or(0.0, |boundaries| {

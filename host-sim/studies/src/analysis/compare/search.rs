@@ -256,9 +256,9 @@ pub(super) struct Search {
 }
 
 impl Search {
-    /// Tries at most `tunings` tunings. With two axes, the limit is [`OF_TWO`] times as large. `look` returns the
-    /// result of each tuning. The other arguments of `look` are the tunings that come next if none of these tunings is
-    /// better, and the largest area so far.
+    /// Tries at most `tunings` tunings. With two axes, the limit is [`OF_TWO`] times as large. `look` gets the tunings
+    /// to try now, the tunings to try next if none of the first is better, and the largest area so far. It returns the
+    /// result of each tuning to try now.
     pub(super) fn over(
         axes: &Axes,
         tunings: u32,

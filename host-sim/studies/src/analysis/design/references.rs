@@ -85,8 +85,8 @@ pub(super) fn coarser(scene: &Scene, reference: &Boundaries, columns: f64) -> Sc
     scene
 }
 
-/// The wall at which roughness is measured. B is the B of `compare`, or half of the reference's largest B. K is half of
-/// the K that the reference reaches at this B.
+/// The wall at which roughness is measured. [`damping_of`] gives B. K is half of the K that the reference reaches at
+/// this B.
 pub(super) fn wall(scene: &Scene, references: &[Reference]) -> Wall {
     let boundaries = references.first().map(|reference| &reference.boundaries);
     Wall::half_of(boundaries, scene, damping_of(boundaries, scene))
