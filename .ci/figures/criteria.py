@@ -156,13 +156,6 @@ def criteria_felt_design():
             yield f"{encoder[0]} um", who_feels(*who), *(f"{mega(own)} ({own / other:.2f})" for own, other in areas)
 
 
-@block("limit, motor", "loops", "within 3 %", "farthest off")
-def criteria_second():
-    for limit, key in [("1 um", "1um"), ("15 um", "15um")]:
-        cells, within, worst = (value(f"host/criteria/levers/{key}/{which}") for which in ("cells", "within", "worst_percent"))
-        yield limit, number(cells), number(within), f"{worst:.1f} %"
-
-
 @block("who feels", "the paper's loop", "with the NUCLEO-F446RE's latency")
 def criteria_resolution():
     def cell(loop, level):
@@ -171,16 +164,6 @@ def criteria_resolution():
 
     for level in (12, 0, -12):
         yield LEVELS[level], cell("paper", level), cell("board", level)
-
-
-@block("table", "cells above 10^6", "theirs within 3 % of the range of ours")
-def criteria_held():
-    """Of the yardstick every cell has to be within."""
-    for text, test, key, within in [
-            ("RMS 5, 2, 1, 0.5 um, both encoders, nine cutoffs", "table_of_limits", "limits", "within"),
-            ("felt 0, 10, 20 dB, both encoders, eight cutoffs", "table_of_levels", "levels", "within"),
-            ("true velocity", "yardstick", "yardstick", "cells")]:
-        yield f"{text} (`criteria::tables::{test}`)", m(f"host/criteria/{key}/cells"), m(f"host/criteria/{key}/{within}")
 
 
 @block("cell, 10^6", "independent program", "ours, lowest", "highest", "our twin in `f64`, lowest", "highest")

@@ -38,11 +38,6 @@ def firmware_longest():
     yield "the same with `[passivity]`, where it has to divide", register[1], "cycles", "`passivity`"
 
 
-@block("feature", "board", "`sample`", "event to counter")
-def firmware_variants():
-    yield "`time-stamps`, with that estimator", "nucleo-f446re", *spans("edge_times", "sample", "delay")
-
-
 @block("board", "period, samples", "`sample`", "`render`", "event to counter", "event to the force's register",
        "`sample` and `render`, of the time at most")
 def firmware_periods():

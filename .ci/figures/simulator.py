@@ -4,7 +4,7 @@ import math
 import re
 
 from . import block
-from .source import constant, lit, long, m, measured, mega, number, rows, said, scene_of, significant, sim, table, value
+from .source import constant, lit, long, m, measured, mega, number, rows, said, scene_of, significant, sim, table
 
 
 def hz_range(low_high):
@@ -210,22 +210,6 @@ def amplifier_walls():
 
 
 # What tests measure
-@block("property", "measured by `tests/host/filter.rs`")
-def theory_filter():
-    def found(key, digits=None, scale=1.0):
-        return m(f"host/filter/{key}", digits, scale)
-
-    lsb = ", ".join(f"{c} {found(f'{c}_lsb', 2)}" for c in ("b0", "b1", "b2", "a1", "a2"))
-    yield "coefficients against SciPy, 1, 10 and 50 kHz", f"{lsb} LSB of 2^-30"
-    yield "DC gain", "exactly 1"
-    yield ("-3 dB frequency after quantisation",
-           f"within {found('cutoff_error', 2, 100)} % of the asked one, worst at the lowest cutoff")
-    yield "measured frequency response", f"within {found('response_error', 4)} of theory"
-    yield ("constant speed",
-           f"sum(out - in) spans {found('drift_counts', 2)} counts over 10^6 samples, which is the ripple of the counts")
-    yield "after a stop", f"{found('rest_lsb')} LSB left after 20/fc"
-
-
 @block("cutoff at 10 kHz", "first order, LSB RMS", "second order, LSB RMS")
 def theory_shaping():
     for part in ("0.00004", "0.001", "0.01", "0.05", "0.1", "0.4"):
@@ -246,23 +230,6 @@ def theory_peers():
     yield "instructions on Cortex-M4", *(m(f"elf/control_path/{name}") for name in ("zwidth_filter", "idsp_dither", "idsp_wide"))
 
 
-@block("part", "instructions")
-def theory_instructions():
-    yield "filter", m("elf/control_path/zwidth_filter")
-    yield "a sample, encoder included, without a loop", m("elf/control_path/zwidth_sample")
-    yield "an output", m("elf/control_path/zwidth_render")
-
-
-@block("", "measured")
-def theory_fixed_point():
-    walks, points = m("host/paper/walks_up_to_200_hz"), m("host/paper/points_that_differ")
-    fixed, rounded = (m(f"host/paper/share_off_{which}", 1, 100) for which in ("fixed", "rounded"))
-    yield "mean relative error of the area", f"{m('host/paper/area_error', 2, 100)} %"
-    yield ("boundary points more than one step of K off the exact twin",
-           f"core {fixed} %, twin with its velocity rounded to the LSB {rounded} %")
-    yield f"points that differ in the {walks} walks of 50, 100 and 200 Hz", f"{points}, at 200 Hz"
-
-
 @block("case", "known K, N/m", "loop with the core, between", "loop with the twin, between")
 def theory_oscillation():
     for case, rate, known in [
@@ -272,37 +239,6 @@ def theory_oscillation():
         yield case, number(lit("tests/host/closed_loop.rs", known), 1), *loops
 
 
-@block("claim", "measured", "test")
-def theory_elements():
-    """What holds for the elements of a scene, and the test that has measured it."""
-    def kept(key, digits=None):
-        return m(f"sim_loop/{key}", digits) if digits else measured(f"sim_loop/{key}")
-
-    orders = [f"{kept(f'order/{name}_least', digits)} to {kept(f'order/{name}_most', digits)}"
-              for name, digits in (("euler", 4), ("rk4", 2), ("dormand_prince", 2))]
-    loops, found = (measured(f"sim_studies/crossings/{key}") for key in ("loops", "found"))
-    aside = number(100 * lit("tests/host/linear_elements.rs", r"ASIDE: f64 = ([\d.]+);"))
-    changes = "simulated growth and decay change places at the"
-    small, linear = (m(f"host/{name}/points") for name in ("small_signal", "linear_elements"))
-    yield (f"one exact step against 50 digits, energy norm, {kept('augmented/chains')} chains of 3 to 7 states, time constants from 1 ns",
-           f"{kept('augmented/step_of_size')} of max(1, norm(A) T); {kept('augmented/step')} at most",
-           "`host-sim/loop/src/plant/exact/tests.rs`")
-    yield ("60,000 exact steps under changing force against 60 digits, share of the largest value", kept("augmented/trajectory"), "same")
-    yield (f"{changes} multirate envelope (bilateral contact, saturation out of reach, 10 nm; cutoffs, B and latencies)",
-           f"within {m('host/small_signal/worst', 3, 100)} % at {small} points", "`tests/host/small_signal.rs`")
-    yield (f"{changes} linear envelope with amplifier, mode and arm", f"within {aside} % at {linear} points",
-           "`tests/host/linear_elements.rs`")
-    yield ("crossings of random loops with elements that eigenvalues agree with", f"all {found}, in {loops} loops",
-           "`host-sim/studies/src/analysis/linear/boundary/tests.rs`")
-    yield ("order on the linear plant: Euler, RK4, Dormand-Prince", ", ".join(orders), "`host-sim/loop/src/numerics/integrator/tests.rs`")
-    yield ("order of a run through sticking, breakaway and damped stops: Euler, RK4",
-           f"{kept('order/run_1', 3)}, {kept('order/run_4', 2)}", "`host-sim/loop/src/plant/integrated/tests.rs`")
-    yield "stopping distance under Coulomb friction, RK4 and Dormand-Prince", "1e-12 of `m v^2 / (2 F)`", "same"
-    yield "stuck: speed 0, position the same to the bit", "exactly", "same"
-    yield "depth in a spring stop, of its energy bound", f"{kept('stop/least', 5)} or more undamped, never above", "same"
-    yield "energy of the free plant, any elements", "never grows beyond the error control's 1e-8 a sample", "same"
-
-
 @block()
 def stored(file):
     """A stored table as it stands."""
@@ -310,19 +246,6 @@ def stored(file):
 
 
 # The passivity controller beside the plain wall
-@block()
-def passivity_random():
-    def found(key, digits=None):
-        return m(f"host/passivity/{key}", digits)
-
-    head = f"of {found('ran')} random scenes (mass, damping, resolution, full scale, period, latency, arm, wall)"
-    return table([head, "without the controller", "with it"],
-                 [["a contact gives more than the reserve", found("gave"), found("beyond")],
-                  ["most that one gives, in reserves", found("plain_highest", 3), found("highest", 3)],
-                  ["motion changes faster than the acceleration allows", "", found("faster")],
-                  ["outputs saturated, %", found("saturated_without", 3), found("saturated_with", 3)]], right=(1, 2))
-
-
 @block()
 def passivity(scene):
     found = sim(f"passivity {scene}")
