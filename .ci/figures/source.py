@@ -42,11 +42,13 @@ def rows(name):
 
 
 def store(name, body, columns=None):
-    """Writes docs/data/NAME: these columns of the rows, or all that the first row has."""
-    with (DATA / name).open("w", newline="") as file:
+    """Writes docs/data/NAME, whole or not at all: these columns of the rows, or all that the first row has."""
+    draft = DATA / f"{name}.new"
+    with draft.open("w", newline="") as file:
         writer = csv.DictWriter(file, columns or list(body[0]), lineterminator="\n", extrasaction="ignore")
         writer.writeheader()
         writer.writerows(body)
+    draft.rename(DATA / name)
     rows.cache_clear()
 
 
