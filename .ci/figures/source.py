@@ -38,7 +38,7 @@ def commit():
 def rows(name):
     """A stored table: docs/data/NAME, or a path from the root."""
     path = ROOT / name if "/" in name else DATA / name
-    return list(csv.DictReader(path.read_text().splitlines()))
+    return list(csv.DictReader(path.read_text().splitlines(keepends=True)))
 
 
 def store(name, body, columns=None):
