@@ -1,6 +1,7 @@
 """The firmware, faults, identification: what tests have measured on the virtual board, and the firmware's constants."""
 
 from . import block
+from .measured import filled
 from .source import BOARDS, CLASSES, ENDS, constant, m, measured, number, power, rows, significant, value
 
 MHZ = {"nucleo-f446re": 180.0, "discovery-f407": 168.0}
@@ -91,10 +92,10 @@ SHORT_HALT = "debugger halt, 1.5 ms"
 @block("fault case", "how it is brought about", "enable off after", "allowed", "code")
 def fault_campaign():
     """The longest time of both boards until enable is off, of some cases of the campaign."""
-    def cases(part):
-        return m(f"elf/faults/{part}/cases")
-
     for r in rows("fault-cases.csv"):
+        if r["stays"]:
+            yield r["case"], filled(r["how"]), r["stays"], "", r["code"]
+            continue
         names = r["measured"].split("; ")
         off = max(value(f"elf/faults/{name}/{board}") for name in names for board in BOARDS)
         limit = max(value(f"elf/faults/{name}/allowed") for name in names)
@@ -103,15 +104,6 @@ def fault_campaign():
         limit = f"{limit:g} us" if limit < 100 else f"{limit / 1e3:g} ms"
         yield (r["case"], r["how"], f"0, and {shown} after it goes on" if halted else shown,
                f"{limit} after it goes on" if halted else limit, r["code"])
-    yield ("RTT stall and flood", "nobody reads, all channels set to blocking, commands and garbage without a pause, at output"
-           " period 10; at each period, read or not: [below](../faults.md#a-host-that-sends-without-a-pause)",
-           "stays on: no output missed, no sample delayed", "", "none")
-    yield ("each byte of a settings record flipped", f"{cases('flipped')} boots",
-           "stays off; the older settings, or the defaults, and `load` says so", "", "none")
-    yield ("power cut at each word of a `save`", "the ELF saves; the flash as it is before, in and after each store,"
-           f" {cases('cut in a save')} boots", "stays off; the older settings or the new ones, whole", "", "none")
-    yield ("power cut in an erase", f"the other sector half erased, {cases('cut in an erase')} boots",
-           "stays off; the newest settings", "", "none")
 
 
 # What fills the channel, as tests/elf/flood.rs names it.

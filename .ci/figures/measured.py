@@ -6,7 +6,7 @@ from pathlib import Path
 from . import BLOCKS
 from .source import lit, m, number
 
-PLACE = re.compile(r"\{(\S+?)(?: ([A-Z]+))?(?: \.(\d))?(?: x(\d+))?\}")
+PLACE = re.compile(r"\{([^{}]+?)(?: ([A-Z]+))?(?: \.(\d))?(?: x(\d+))?\}")
 
 
 def figure(place):
@@ -17,5 +17,9 @@ def figure(place):
     return m(key, digits and int(digits), int(times or 1))
 
 
+def filled(text):
+    return PLACE.sub(figure, text)
+
+
 for name, lines in re.findall(r"(?m)^## (\w+)\n\n((?:\|.*\n)+)", Path(__file__).with_suffix(".md").read_text()):
-    BLOCKS[name] = lambda lines=lines: PLACE.sub(figure, lines).splitlines()
+    BLOCKS[name] = lambda lines=lines: filled(lines).splitlines()
