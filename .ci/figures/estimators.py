@@ -145,7 +145,6 @@ def comparison_short():
         yield (name, cost(name)[0], *gains, *none, *worst, *none, f(fine, "noise_in_motion_m_per_s", 1e3, 2), f(fine, "roughness_n", 1e3))
 
 
-LIMITED = ["butterworth", "first-order", "kalman-3", "levant-explicit", "time-stamps"]
 AT_LIMIT = {5: "compare-paper-1um-limit-5um.csv", 15: "compare-paper-1um.csv", 30: "compare-paper-1um-limit-30um.csv"}
 
 
@@ -155,7 +154,7 @@ def comparison_limits(column, scale, digits):
         cut = column == "area_n2_s_per_m2" and float(r["damping_max_mean_n_s_per_m"]) >= 4000
         return f(r, column, float(scale), int(digits)) + (" (up to the cap of B)" if cut else "")
 
-    for name in LIMITED:
+    for name in ("butterworth", "first-order", "kalman-3", "levant-explicit", "time-stamps"):
         yield name, *(cell(row(file, estimator=name)) for file in AT_LIMIT.values())
     if column == "area_n2_s_per_m2":
         yield "the true velocity", *(f"{true_area(file):.{digits}f}" for file in AT_LIMIT.values())
@@ -164,9 +163,6 @@ def comparison_limits(column, scale, digits):
 @block("limit of the RMS, um", "butterworth's best cutoff, Hz")
 def comparison_cutoffs():
     return [[um, f(row(file, estimator="butterworth"), "tuning")] for um, file in AT_LIMIT.items()]
-
-
-FIDELITY = ["butterworth", "kalman-3", "levant-explicit", "levant-implicit", "time-stamps", "fusion", "observer"]
 
 
 @block("estimator", "1 Hz", "10 Hz", "50 Hz", "100 Hz")
@@ -180,7 +176,7 @@ def comparison_frequencies():
             yield significant(100 * sum(errors) / len(errors), 2)
 
     yield "hold and latency alone", *mean("butterworth", "_of_loop")
-    for name in FIDELITY:
+    for name in ("butterworth", "kalman-3", "levant-explicit", "levant-implicit", "time-stamps", "fusion", "observer"):
         yield name, *map(" / ".join, zip(mean(name), mean(name, "_of_estimator")))
 
 
