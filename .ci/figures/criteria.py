@@ -3,7 +3,7 @@
 from . import block
 from .devices import without
 from .estimators import f, of, tuned
-from .source import ROOT, area_of, at_ideal, hertz, m, mega, number, rows, rows_of, short, significant, sim, table, value
+from .source import ROOT, area_of, at_ideal, grouped, hertz, m, mega, number, rows, rows_of, short, significant, sim, table, value
 
 LIMITS = "limits-paper-1um.csv"
 
@@ -37,10 +37,7 @@ def criteria_limits():
 @block("loop", "samples an output", "as it is", "amplifier of 1 kHz", "and a transmission of 150 Hz", "true velocity")
 def criteria_levers(limit, push):
     """Area at the ideal cutoff, and that cutoff, by loop and what is between."""
-    by_loop = {}
-    for r in of_limit("levers-paper-1um.csv", limit, push=push):
-        by_loop.setdefault((r["loop"], r["output_period_samples"]), []).append(r)
-    for loop, found in by_loop.items():
+    for loop, found in grouped(of_limit("levers-paper-1um.csv", limit, push=push), "loop", "output_period_samples").items():
         best = {r["between"]: area_at(r) for r in at_ideal(found) if r["estimator"] == "scene"}
         yield (*loop, *(best[between] for between in ("as-is", "amplifier", "amplifier-and-mode")),
                area_of(next(r for r in found if r["estimator"] == "true-velocity")))
@@ -49,14 +46,10 @@ def criteria_levers(limit, push):
 @block()
 def criteria_rates(limit, push):
     """Area at the ideal cutoff, and that cutoff, by encoder rate and output rate."""
-    by_rates, true_velocity = {}, {}
-    for r in of_limit("rates-paper-1um.csv", limit, push=push):
-        rates = float(r["encoder_rate_hz"]), float(r["output_rate_hz"])
-        if r["estimator"] == "scene":
-            by_rates.setdefault(rates, []).append(r)
-        else:
-            true_velocity.setdefault(rates, r)
-    encoders, outputs = (sorted(set(rates)) for rates in zip(*by_rates))
+    by_rates, true_velocity = (
+        grouped(of_limit("rates-paper-1um.csv", limit, push=push, estimator=name), "encoder_rate_hz", "output_rate_hz")
+        for name in ("scene", "true-velocity"))
+    encoders, outputs = (sorted(set(rates), key=float) for rates in zip(*by_rates))
 
     def cell(found):
         if not (best := at_ideal(found)):
@@ -65,7 +58,7 @@ def criteria_rates(limit, push):
         return area_at(best[0]).replace(" Hz)", " Hz*)" if best[0] is highest else " Hz)")
 
     body = [[number(encoder), *(cell(by_rates.get((encoder, output), [])) for output in outputs)] for encoder in encoders]
-    body.append([f"true velocity, {number(encoders[-1])}", *(area_of(true_velocity[encoders[-1], output]) for output in outputs)])
+    body.append([f"true velocity, {number(encoders[-1])}", *(area_of(true_velocity[encoders[-1], output][0]) for output in outputs)])
     return table(["encoder rate, Hz", *(f"outputs at {number(output)} Hz" for output in outputs)], body)
 
 

@@ -7,7 +7,7 @@ import math
 
 from . import block
 from .source import (
-    LONG, ROOT, area_of, long, m, measured, mega, number, power, row, rows, rows_of, said, said_in, significant, table, value,
+    LONG, ROOT, area_of, grouped, long, m, measured, mega, number, power, row, rows, rows_of, said, said_in, significant, table, value,
 )
 
 FUSION = "compare-paper-1um-accelerometer.csv"
@@ -291,10 +291,8 @@ PEER_LIMITS = {15e-6: "15 um", 5e-6: "5 um", 2e-6: "2 um", 1e-6: "1 um", 0.0: "f
 
 def by_peer(loop):
     """The rows of a loop, by estimator and limit."""
-    found = {}
-    for r in rows_of(PEERS, loop=loop):
-        found.setdefault(r["estimator"], {})[float(r["limit"])] = r
-    return found
+    found = grouped(rows_of(PEERS, loop=loop), "estimator")
+    return {name: {float(r["limit"]): r for r in limits} for (name,), limits in found.items()}
 
 
 @block("estimator", *PEER_LIMITS.values())

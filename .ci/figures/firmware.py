@@ -2,7 +2,7 @@
 
 from . import block
 from .measured import filled
-from .source import BOARDS, CLASSES, ENDS, constant, m, measured, number, power, rows, significant, value
+from .source import BOARDS, CLASSES, ENDS, constant, grouped, m, measured, number, power, rows, significant, value
 
 MHZ = {"nucleo-f446re": 180.0, "discovery-f407": 168.0}
 
@@ -135,14 +135,6 @@ def does_nothing(row):
     return row["class"] in ("no_effect", "bounded")
 
 
-def campaign_by(*keys):
-    """Its rows of the same fault, situation or board."""
-    found = {}
-    for row in CAMPAIGN:
-        found.setdefault(tuple(row[key] for key in keys), []).append(row)
-    return found
-
-
 def most(of, key, scale=1):
     return f"{max(float(row[key]) for row in of) * scale:.3f}"
 
@@ -156,7 +148,7 @@ def worst(of):
 @block("fault", "situation", "off after", "speed, m/s", "travel, mm", "code", "why it stays")
 def campaign_rows():
     """What is not off within 3 ms on one of the boards, and does something; the worse of both."""
-    for fault, of in campaign_by("name", "situation").items():
+    for fault, of in grouped(CAMPAIGN, "name", "situation").items():
         if not all(is_soon(row) or does_nothing(row) for row in of):
             codes = sorted({row["code"] or "none" for row in of})
             yield *fault, *worst(of), ", ".join(codes), "; ".join(sorted({row["reason"] for row in of if row["reason"]}))
@@ -165,7 +157,7 @@ def campaign_rows():
 @block("board", "situation", "rows", "off within 3 ms", "latest", "most speed, m/s", "most travel, mm")
 def campaign_soon():
     """The rows that are off within 3 ms."""
-    found = campaign_by("board", "situation")
+    found = grouped(CAMPAIGN, "board", "situation")
     for board in BOARDS:
         for situation in SITUATIONS:
             of = found[board, situation]
@@ -176,7 +168,7 @@ def campaign_soon():
 @block("fault", "boards", *(f"{s}: {what}" for s in SITUATIONS for what in ("off after", "m/s", "mm")))
 def campaign_each():
     """Each fault that is off within 3 ms: the worse of both boards, in each situation."""
-    for (name,), of in campaign_by("name").items():
+    for (name,), of in grouped(CAMPAIGN, "name").items():
         soon = [row for row in of if is_soon(row)]
         boards = list({row["board"] for row in soon})
         if boards:
@@ -188,7 +180,7 @@ def campaign_each():
 def campaign_nothing():
     """What nobody has to find: the force is what it should be, or stays off."""
     harmless = {}
-    for (name, situation), of in campaign_by("name", "situation").items():
+    for (name, situation), of in grouped(CAMPAIGN, "name", "situation").items():
         if all(does_nothing(row) for row in of):
             harmless.setdefault(name, {})[situation] = {row["class"].replace("_", " ") for row in of}
     for name, classes in harmless.items():

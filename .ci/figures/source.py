@@ -64,6 +64,14 @@ def row(name, **wanted):
     return found[0]
 
 
+def grouped(found, *keys):
+    """Rows by their values of these keys."""
+    groups = {}
+    for r in found:
+        groups.setdefault(tuple(r[key] for key in keys), []).append(r)
+    return groups
+
+
 @functools.cache
 def constant(path, pattern):
     """What the group of the pattern matches in a source file, in one place of it."""
