@@ -169,21 +169,22 @@ class Browser:
             self.until(f"[...document.querySelectorAll('#lines .person')].some(i => i.textContent === {line!r})")
 
     def find(self, name):
-        from selenium.webdriver.common.by import By
-        return self.driver.find_element(By.ID, name)
+        return self.driver.find_element("id", name)
 
     def text(self, name):
         return self.js("return document.getElementById(arguments[0]).textContent", name)
 
     def press(self, key):
+        self.actions().send_keys(key).perform()
+
+    def actions(self, **more):
         from selenium.webdriver.common.action_chains import ActionChains
-        ActionChains(self.driver).send_keys(key).perform()
+        return ActionChains(self.driver, **more)
 
     def drag(self, name, places, hold=False):
-        from selenium.webdriver.common.action_chains import ActionChains
         canvas = self.find(name)
         wide, tall = canvas.size["width"], canvas.size["height"]
-        moves = ActionChains(self.driver, duration=25)
+        moves = self.actions(duration=25)
         for n, (x, y) in enumerate(places):
             moves = moves.move_to_element_with_offset(canvas, int((x - 0.5) * wide), int((y - 0.5) * tall))
             moves = moves.click_and_hold() if n == 0 else moves
@@ -196,8 +197,7 @@ class Browser:
         self.drag("handle", [place(now + (millimetres / 1e3 - now) * n / 15) for n in range(16)], hold)
 
     def let_go(self):
-        from selenium.webdriver.common.action_chains import ActionChains
-        ActionChains(self.driver).release().perform()
+        self.actions().release().perform()
 
     def arm(self):
         self.find("force").find_element("css selector", "[data-do=arm]").click()

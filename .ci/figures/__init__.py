@@ -1,14 +1,19 @@
 """The figures of the pages: each block is a function that makes the lines of a table. No check matches prose."""
 
+from .source import table
+
 BLOCKS = {}
 
 
-def block(make):
-    """Makes the table between `<!-- begin: NAME ARGUMENTS -->` and `<!-- end -->`."""
-    BLOCKS[make.__name__] = make
-    return make
+def block(*head, right=()):
+    """Makes the table between `<!-- begin: NAME ARGUMENTS -->` and `<!-- end -->`: its rows below this head, or without a
+    head all lines."""
+    def named(make):
+        BLOCKS[make.__name__] = (lambda *arguments: table(head, make(*arguments), right)) if head else make
+        return make
+    return named
 
 
 from . import (  # noqa: E402,F401
-    commands, criteria, design, devices, estimators, firmware, published, simulator, studies, sure, trade,
+    commands, criteria, design, devices, estimators, firmware, measured, simulator, studies, sure, trade,
 )

@@ -17,7 +17,7 @@ import time
 
 from .source import LONG, ROOT, shell
 
-SECONDS = 240 # a minute on an idle machine
+SECONDS = 240  # a minute on an idle machine
 PROGRAM = re.compile(r"(?:[A-Z_]+=\S+ )?(?:cargo|mdbook|\.ci/\w+|probe-rs|valgrind|STM32_Programmer_CLI)\b")
 # A name that stands for others: SCENE, N_PER_V, K. Names of files and chips have small letters or digits.
 FORM = re.compile(r"(?<![\w./-])(?:[A-Z][A-Z_]*|[A-Z]+\.[a-z]+)(?![\w-])|(?<!\w)\.\.(?!/)|\.\.?$")
@@ -27,7 +27,8 @@ NAME = re.compile(r"cargo (?:sim|board)(?: (?:--)?\w+)?$")
 HARDWARE = re.compile(r"cargo (?:flash|embed)|probe-rs|STM32_Programmer|openocd|nc |cargo-flash|\(printf")
 # Done by .ci/run, .ci/book or nobody: tools of the reader's.
 ELSEWHERE = re.compile(
-    r"\.ci/|mdbook|valgrind|cargo (?:fmt|clippy|doc|firmware|seal|install|live|sim-files|test --workspace|test -p zwidth --lib|bench -p host-sim-bench|(?:test|run)$)"
+    r"\.ci/|mdbook|valgrind|cargo (?:fmt|clippy|doc|firmware|seal|install|live|sim-files|test --workspace|test -p zwidth --lib"
+    r"|bench -p host-sim-bench|(?:test|run)$)"
 )
 # Of minutes, without a table of figures: what they make is stored beside.
 MINUTES = {
@@ -50,31 +51,29 @@ def whole(block):
 
 def shown(text):
     """Line, kind and command of all that the page shows."""
-    kind, last = None, None
+    last = block = None
     for n, line in enumerate(text.split("\n"), 1):
-        fence = re.match(r"\s*```(\w*)", line)
-        if fence:
-            if kind is None:
-                kind, block, start = fence[1] or "text", [], n + 1
-            else:
-                if kind == "sh":
-                    for m, command in enumerate(whole(block)):
-                        if command and not command.startswith("#"):
-                            yield start + m, "block", re.sub(r"\s{2,}#.*", "", command)
-                elif last:
-                    yield start, last[0], (last[1], block)
-                kind, last = None, None
-            continue
-        if kind:
+        if line.lstrip().startswith("```"):
+            if block is None:
+                kind, block, start = line.strip()[3:], [], n + 1
+                continue
+            if kind == "sh":
+                for m, command in enumerate(whole(block), start):
+                    if command and not command.startswith("#"):
+                        yield m, "block", re.sub(r"\s{2,}#.*", "", command)
+            elif last:
+                yield start, last[0], (last[1], block)
+            last = block = None
+        elif block is not None:
             block.append(line)
-            continue
-        if given := re.fullmatch(r"<!-- given: (.+) -->", line.strip()):
+        elif given := re.fullmatch(r"<!-- given: (.+) -->", line.strip()):
             yield n, "given", given[1]
-        if before := re.fullmatch(r"<!-- (board|file|append): (.+) -->", line.strip()):
-            last = before[1], before[2]
-        for command in re.findall(r"`([^`]+)`", line):
-            if PROGRAM.match(command) and " " in command:
-                yield n, "run", command
+        elif before := re.fullmatch(r"<!-- (board|file|append): (.+) -->", line.strip()):
+            last = before.groups()
+        else:
+            for command in re.findall(r"`([^`]+)`", line):
+                if PROGRAM.match(command) and " " in command:
+                    yield n, "run", command
 
 
 @functools.cache
@@ -107,38 +106,25 @@ def tests(arguments):
 
 def test_exists(command):
     """A test that the page names: it is there, and .ci/run runs it."""
-    words, options = (command + " -- ").split(" -- ")[:2]
-    words = words.split()[2:]
-    target, after = [], iter(w for w in words if w != "--release")
-    names = []
-    for word in after:
-        if word in ("-p", "--test", "--features", "--package"):
-            target += [word, next(after)]
-        elif word.startswith("--"):
-            target.append(word)
-        else:
-            names.append(word)
-    names += [word for word in options.split() if not word.startswith("--")]
-    listed = tests(" ".join(target))
+    words, _, options = command.partition(" -- ")
+    target = r"(?:-p|--test|--features|--package) \S+|--\S+"
+    names = [*re.sub(target, "", words).split()[2:], *(word for word in options.split() if not word.startswith("--"))]
+    listed = tests(" ".join(word for word in re.findall(target, words) if word != "--release"))
     if listed is None:
         return "the tests do not build"
     return next((f"no test is named {name}" for name in names if not any(name in test for test in listed)), None)
 
 
-@functools.cache
-def properties():
-    return shell("cargo invariants --list").stdout
-
-
 def invariants(command):
     """.ci/run runs them; here only whether the names are there."""
     only = re.search(r"--only (\S+)", command)
-    return None if only is None or only[1] in properties() else f"no property has {only[1]} in its name"
+    return f"no property has {only[1]} in its name" if only and only[1] not in shell("cargo invariants --list").stdout else None
 
 
 def failure(ran):
-    """Why a command failed; None: it did not. `diff` says it on stdout."""
-    return (ran.stderr.strip() or ran.stdout.strip() or f"exit code {ran.returncode}") if ran.returncode else None
+    """Why a command failed; None: it did not."""
+    said = ran.stderr.strip() or ran.stdout.strip() or f"exit code {ran.returncode}"  # `diff` says it on stdout
+    return said.split("\n")[-1] if ran.returncode else None
 
 
 @functools.cache
@@ -151,8 +137,7 @@ def board(scene, block, folder, environment):
     """Types the commands of a block; what stands to the right of one must come."""
     said = [re.split(r"\s{2,}", line, maxsplit=1) for line in block if line.strip()]
     lines = "".join(f"{words[0]}\n" for words in said if words[0])
-    ran = subprocess.run(f"cargo board run {scene}", shell=True, cwd=folder, text=True, input=lines, env=environment,
-                         capture_output=True, timeout=SECONDS, check=False)
+    ran = shell(f"cargo board run {scene}", folder, SECONDS, input=lines, env=environment)
     if why := failure(ran):
         return why
     if "error" in ran.stdout:
@@ -186,8 +171,27 @@ def options(name):
         known = set(re.findall(r"(?m)^ +(--[a-z-]+)", usage(*command.split()))) - COMMON
         if not known:
             missing.append(f"{name}:1: cargo {command} has no options")
-        missing += [f"{name}:1: has no `{option}` of cargo {command}" for option in sorted(known) if not re.search(rf"`[^`\n]*{option}\b", text)]
+        missing += [f"{name}:1: has no `{option}` of cargo {command}" for option in sorted(known)
+                    if not re.search(rf"`[^`\n]*{option}\b", text)]
     return missing
+
+
+def tried(kind, command, folder, environment):
+    """Runs what a page shows, or looks whether it is there; why it fails, or None."""
+    if kind == "board":
+        return board(*command, folder, environment)
+    if kind != "given":
+        if command in MINUTES:
+            return None if (ROOT / MINUTES[command]).exists() else f"{MINUTES[command]} is not there"
+        if command.startswith("cargo test"):
+            return test_exists(command)
+        if command.startswith("cargo invariants"):
+            return invariants(command)
+        if FORM.search(command) or kind == "run" and NAME.match(command):
+            return form(command)
+        # build.rs takes it from the root, and this folder stands for the root
+        command = re.sub(r"^(ZWIDTH_DEVICE=)(?=\S+\.device )", rf"\1{folder}/", command)
+    return failure(shell(command, folder, SECONDS, env=environment))
 
 
 def run(name):
@@ -195,49 +199,28 @@ def run(name):
     build()
     folder = ROOT / "target/pages" / name.replace("/", "-").removesuffix(".md")
     shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    shutil.copytree(ROOT / "scenes", folder / "scenes")
-    shutil.copytree(ROOT / "docs/data", folder / "docs/data")
-    if (ROOT / "examples").exists():
-        shutil.copytree(ROOT / "examples", folder / "examples")
+    for brought in ("scenes", "docs/data", "examples"):
+        shutil.copytree(ROOT / brought, folder / brought)
     environment = {**os.environ, "LANG": "C.UTF-8", "ROOT": str(ROOT)}
     failed, count = [], 0
     for line, kind, command in shown((ROOT / name).read_text()):
-        begun, why = time.monotonic(), None
-        if kind == "board":
-            why = board(*command, folder, environment)
-            command = "console session"
-        elif kind in ("file", "append"):
+        if kind in ("file", "append"):
             with (folder / command[0]).open("w" if kind == "file" else "a") as file:
                 file.write("\n" * (kind == "append") + "\n".join(command[1]) + "\n")
             continue
-        elif kind == "given":
-            ran = shell(command, folder, SECONDS, env=environment)
-            why = failure(ran)
-        elif HARDWARE.match(re.sub(r"^[A-Z_]+=\S+ ", "", command)) or ELSEWHERE.match(command):
+        if kind in ("block", "run") and (HARDWARE.match(re.sub(r"^[A-Z_]+=\S+ ", "", command)) or ELSEWHERE.match(command)):
             continue
-        elif command in MINUTES:
-            why = None if (ROOT / MINUTES[command]).exists() else f"{MINUTES[command]} is not there"
-        elif command.startswith("cargo test"):
-            why = test_exists(command)
-        elif command.startswith("cargo invariants"):
-            why = invariants(command)
-        elif FORM.search(command) or kind == "run" and NAME.match(command):
-            why = form(command)
-        else:
-            # build.rs takes it from the root, and this folder stands for the root
-            command = re.sub(r"^(ZWIDTH_DEVICE=)(?=\S+\.device )", rf"\1{folder}/", command)
-            try:
-                ran = shell(command, folder, SECONDS, env=environment)
-                why = (ran.stderr.strip() or ran.stdout).split("\n")[-1] if ran.returncode else None
-            except subprocess.TimeoutExpired:
-                why = f"takes more than {SECONDS} s"
+        begun = time.monotonic()
+        try:
+            why = tried(kind, command, folder, environment)
+        except subprocess.TimeoutExpired:
+            why = f"takes more than {SECONDS} s"
         count += 1
-        seconds = time.monotonic() - begun
+        seconds, told = time.monotonic() - begun, "console session" if kind == "board" else command
         if seconds > 5:
-            print(f"{name}:{line}: {seconds:.0f} s: {command}")
+            print(f"{name}:{line}: {seconds:.0f} s: {told}")
         if why:
-            failed.append(f"{name}:{line}: `{command}` fails: {why}")
+            failed.append(f"{name}:{line}: `{told}` fails: {why}")
     if count:
         print(f"{name}: {count} commands")
     return failed + options(name)

@@ -1,17 +1,13 @@
 """The ready devices: what each gives, and what limits it."""
 
-import json
 import os
 import re
-import subprocess
 import tempfile
 import time
 import tomllib
-from pathlib import Path
 
 from . import block, commands
-from .source import ROOT, long, number, programs, row, rows, significant, table
-from .source import sim as asked
+from .source import ROOT, long, number, row, rows, scene_of, significant, sim, table
 
 # Scene, its name on the page.
 DEVICES = {
@@ -50,15 +46,9 @@ def changes(text):
         yield "no friction", without(without(text, "friction"), "integrator")
 
 
-def sim(folder, words):
-    ran = subprocess.run(f"{programs()}/host-sim {words} --json", shell=True, cwd=folder, text=True, stdout=subprocess.PIPE, check=True)
-    return json.loads(ran.stdout)
-
-
-def swept(folder, scene, changed, text):
+def swept(scene, changed, text):
     """What a sweep answers for that scene, in the units of the scene: by quiet walls, and by the scene's own criterion."""
-    (Path(folder) / "SCENE.toml").write_text(text)
-    told = sim(folder, "sweep SCENE.toml --repeat 2 --force")["scenes"][0]
+    told = sim("sweep SCENE.toml --repeat 2", text)["scenes"][0]
     found = told["recommended"] or {}
     answer = {**found, **found.get("free_motion", {})}
     def value(words):
@@ -66,46 +56,28 @@ def swept(folder, scene, changed, text):
     low, high = found.get("range_hz", ("", ""))
     own_low, own_high = told["ideal_cutoff_range_hz"] or ("", "")
     return {"scene": scene, "changed": changed, "cutoff_hz": value("cutoff_hz"), "low_hz": low, "high_hz": high,
-            "stiffness": value("stiffness"), "damping_max": value("damping_max"), "area": value("area"), "is_capped": int(value("is_capped") or 0),
-            "inertia": value("inertia") or value("mass"), "friction": value("friction"),
-            "own_low_hz": own_low, "own_high_hz": own_high}
-
-
-def text_of(scene):
-    return (ROOT / f"scenes/{scene}.toml").read_text()
+            "stiffness": value("stiffness"), "damping_max": value("damping_max"), "area": value("area"),
+            "is_capped": int(value("is_capped") or 0), "inertia": value("inertia") or value("mass"),
+            "friction": value("friction"), "own_low_hz": own_low, "own_high_hz": own_high}
 
 
 @long("devices-sweeps")
 def make_sweeps():
     """Each scene swept, as it is and with one thing changed."""
-    body = []
-    with tempfile.TemporaryDirectory() as folder:
-        for scene in DEVICES:
-            text = text_of(scene)
-            for changed, other in [("", text), *changes(text)]:
-                body.append(swept(folder, scene, changed, other))
-    return body
+    return [swept(scene, changed, text) for scene in DEVICES
+            for changed, text in [("", scene_of(scene)), *changes(scene_of(scene))]]
 
 
 @long("devices")
 def make_best():
     """The best of five estimators of each scene."""
     body = []
-    with tempfile.TemporaryDirectory() as folder:
-        for scene in DEVICES:
-            (Path(folder) / "SCENE.toml").write_text(text_of(scene))
-            compared = sim(folder, f"compare SCENE.toml --estimators {ESTIMATORS} --budget 16 --out compare --force")
-            areas = {r["estimator"]: next(value for key, value in r.items() if key.startswith("area_n"))
-                     for r in compared["estimators"]}
-            best = max(areas, key=areas.get)
-            body.append({"scene": scene, "best": best, "best_times_butterworth": areas[best] / areas["butterworth"]})
+    for scene in DEVICES:
+        compared = sim(f"compare SCENE.toml --estimators {ESTIMATORS} --budget 16 --out compare", scene_of(scene))
+        areas = {r["estimator"]: next(value for key, value in r.items() if key.startswith("area_n")) for r in compared["estimators"]}
+        best = max(areas, key=areas.get)
+        body.append({"scene": scene, "best": best, "best_times_butterworth": areas[best] / areas["butterworth"]})
     return body
-
-
-def units(scene):
-    """Of stiffness, damping, inertia and force."""
-    turns = "[rotary]" in text_of(scene)
-    return ("N m/rad", "N m s/rad", "kg m^2", "N m") if turns else ("N/m", "N s/m", "kg", "N")
 
 
 def from_to(low, high):
@@ -113,22 +85,20 @@ def from_to(low, high):
     return " to ".join(number(end) for end in sorted({float(low), float(high)}))
 
 
-@block
+@block("device, scene", "dial in, Hz (as good)", "largest K", "largest B", "free motion: inertia, dry friction",
+       "best of five, its area against Butterworth's", "the paper's criterion, Hz")
 def devices():
-    body = []
     for scene, name in DEVICES.items():
-        (k, b, inertia, force), best, r = units(scene), row(BEST, scene=scene), row(SWEEPS, scene=scene, changed="")
-        def said(key):
-            return significant(float(r[key]), 3)
-        body.append([f"{name}, `{scene}`", f"{number(float(r['cutoff_hz']))} ({from_to(r['low_hz'], r['high_hz'])})",
-                     f"{said('stiffness')} {k}", f"{'> ' if int(r['is_capped']) else ''}{said('damping_max')} {b}",
-                     f"{said('inertia')} {inertia}, {said('friction')} {force}",
-                     f"`{best['best']}`, {float(best['best_times_butterworth']):.2f} times", from_to(r["own_low_hz"], r["own_high_hz"])])
-    return table(["device, scene", "dial in, Hz (as good)", "largest K", "largest B", "free motion: inertia, dry friction",
-                  "best of five, its area against Butterworth's", "the paper's criterion, Hz"], body)
+        best, r = row(BEST, scene=scene), row(SWEEPS, scene=scene, changed="")
+        turns = "[rotary]" in scene_of(scene)
+        k, b, inertia, force = ("N m/rad", "N m s/rad", "kg m^2", "N m") if turns else ("N/m", "N s/m", "kg", "N")
+        stiffness, damping, mass, friction = (significant(r[key], 3) for key in ("stiffness", "damping_max", "inertia", "friction"))
+        yield (f"{name}, `{scene}`", f"{number(r['cutoff_hz'])} ({from_to(r['low_hz'], r['high_hz'])})", f"{stiffness} {k}",
+               f"{'> ' if int(r['is_capped']) else ''}{damping} {b}", f"{mass} {inertia}, {friction} {force}",
+               f"`{best['best']}`, {float(best['best_times_butterworth']):.2f} times", from_to(r["own_low_hz"], r["own_high_hz"]))
 
 
-@block
+@block()
 def devices_limits():
     body, shown = [], list(dict.fromkeys(r["changed"] for r in rows(SWEEPS) if r["changed"]))
     for scene in DEVICES:
@@ -136,32 +106,27 @@ def devices_limits():
         areas = {name: float(r["area"]) for name, r in found.items() if r["area"]}
         limit = max(areas, key=areas.get)
         def cell(name):
-            if name not in found:
-                return ""
             if name not in areas:
-                return "no quiet wall"
+                return "no quiet wall" if name in found else ""
             cut = "~ " if int(found[""]["is_capped"]) else "> " if int(found[name]["is_capped"]) else ""
             return f"{cut}{significant(areas[name] / areas[''], 3)}{' (most)' if name == limit else ''}"
         body.append([f"`{scene}`", *map(cell, shown)])
     return table(["scene", *shown], body)
 
 
-@block
+@block("scene", "estimated")
 def devices_estimated():
-    body = []
     for scene in DEVICES:
-        found = re.search(r"(?ms)^estimated = \[(.*?)\]", text_of(scene))
-        keys = re.findall(r'"([^"]+)"', found[1]) if found else []
-        body.append([f"`{scene}`", ", ".join(f"`{key}`" for key in keys) or "none"])
-    return table(["scene", "estimated"], body)
+        keys = tomllib.loads(scene_of(scene)).get("estimated", [])
+        yield f"`{scene}`", ", ".join(f"`{key}`" for key in keys) or "none"
 
 
-@block
+@block("B, N s/m", "largest K predicted, N/m", "largest K on the board, N/m")
 def tutorial_walk():
-    predicted, found = ({float(r["damping_n_s_per_m"]): float(r["stiffness_n_per_m"]) for r in rows(f"tutorial-{kind}.csv")}
+    predicted, found = ({float(r["damping_n_s_per_m"]): r["stiffness_n_per_m"] for r in rows(f"tutorial-{kind}.csv")}
                         for kind in ("predicted", "measured"))
-    return table(["B, N s/m", "largest K predicted, N/m", "largest K on the board, N/m"],
-                 [[number(b), number(predicted.get(b, 0.0)), number(found.get(b, 0.0))] for b in sorted(predicted | found)])
+    for b in sorted(predicted | found):
+        yield number(b), number(predicted.get(b, 0)), number(found.get(b, 0))
 
 
 @long("tutorial")
@@ -177,31 +142,26 @@ def timed_tutorial():
     return [{"cores": len(os.sched_getaffinity(0)), "seconds": f"{seconds:.0f}"}]
 
 
-@block
+@block("scene", "full force", "speed", "at the handle, m/s", "travel at the handle, mm")
 def fault_speeds():
     """What full force gives the free handle until a fault is off, as `prepare` says."""
-    body = []
-    with tempfile.TemporaryDirectory() as folder:
-        for scene in DEVICES:
-            told = sim(folder, f"prepare {scene} --out {scene}.device")
-            turns = "full_scale_n_m" in told
-            length, of_force = ("rad", "n_m") if turns else ("m", "n")
-            force = told[f"full_scale_{of_force}"]
-            speed, travel = told[f"fault_speed_{length}_per_s"], told[f"fault_travel_{length}"]
-            radius = tomllib.loads(text_of(scene))["rotary"]["handle_radius_m"] if turns else 1
-            body.append([f"`{scene}`", f"{significant(force, 3)} {'N m' if turns else 'N'}",
-                         f"{significant(speed, 3)} {'rad/s' if turns else 'm/s'}",
-                         significant(speed * radius, 3), significant(1e3 * travel * radius, 3)])
-    return table(["scene", "full force", "speed", "at the handle, m/s", "travel at the handle, mm"], body)
+    for scene in DEVICES:
+        told = sim(f"prepare {scene} --out {scene}.device")
+        rotary = tomllib.loads(scene_of(scene)).get("rotary")
+        length, of_force, force, speed = ("rad", "n_m", "N m", "rad/s") if rotary else ("m", "n", "N", "m/s")
+        radius = rotary["handle_radius_m"] if rotary else 1
+        full, fast, far = (told[key] for key in (f"full_scale_{of_force}", f"fault_speed_{length}_per_s", f"fault_travel_{length}"))
+        yield (f"`{scene}`", f"{significant(full, 3)} {force}", f"{significant(fast, 3)} {speed}",
+               significant(fast * radius, 3), significant(1e3 * far * radius, 3))
 
 
-@block
+@block()
 def agree_example():
-    found = asked(f"agree {ROOT}/examples/known.toml {ROOT}/docs/data/tutorial-measured.csv")
+    found = sim(f"agree {ROOT}/examples/known.toml {ROOT}/docs/data/tutorial-measured.csv")
     def cells(row):
         scene, value, low, high, left = ("none" if row[key] is None else significant(row[key], 3)
                                          for key in ("scene", "value", "low", "high", "left_n_per_m"))
         return [row["name"], f"`{row['key']}`", scene, f"{value} ({low} to {high})", row["unit"], left, "yes" if row["explains"] else "no"]
     differ = significant(found["distance_n_per_m"], 3)
     return table(["number", "key", "in the scene", "explains best (range)", "unit", f"leaves, of {differ} N/m", "explains all"],
-                 [cells(row) for row in found["suspects"]])
+                 map(cells, found["suspects"]))

@@ -4,11 +4,10 @@ have stored."""
 import csv
 import functools
 import math
-import tempfile
 
 from . import block
 from .source import (
-    LONG, ROOT, area_of, long, m, measured, number, power, programs, row, rows, rows_of, said_in, shell, significant, table,
+    LONG, ROOT, area_of, grouped, long, m, measured, mega, number, power, row, rows, rows_of, said, said_in, significant, table, value,
 )
 
 FUSION = "compare-paper-1um-accelerometer.csv"
@@ -16,51 +15,35 @@ FUSION = "compare-paper-1um-accelerometer.csv"
 
 def compared(scene):
     """The rows of `compare`; for the finer encoder with those of the scene with an accelerometer."""
-    found = [dict(r) for r in rows(f"compare-{scene}.csv")]
+    found = {r["estimator"]: r for r in rows(f"compare-{scene}.csv")}
     if scene == "paper-2um":
-        later = {r["estimator"]: dict(r) for r in rows("compare-paper-2um-added.csv")}
-        found = [later.pop(r["estimator"], r) for r in found] + list(later.values())
+        found |= {r["estimator"]: r for r in rows("compare-paper-2um-added.csv")}
     if scene == "paper-1um":
-        found += [{**r, "estimator": "fusion (accelerometer scene)"} for r in rows_of(FUSION, estimator="fusion")]
-    return found
+        found["fusion"] = of(scene, "fusion") | {"estimator": "fusion (accelerometer scene)"}
+    return found.values()
 
 
 def of(scene, estimator):
     return row(FUSION if estimator == "fusion" else f"compare-{scene}.csv", estimator=estimator)
 
 
-def f(r, key, scale=1.0, digits=0):
-    return number(float(r[key]) * scale, digits) if r[key] else "-"
+def f(r, key, scale=1.0, digits=0, none="-"):
+    return number(float(r[key]) * scale, digits) if r[key] else none
 
 
 def range_of(r, key, scale, digits):
     """Mean, smallest and largest of the repeats."""
-    if not r[f"{key}"]:
-        return "-"
-    stem, unit = (key[:4], key[4:]) if key.startswith("area") else ("roughness", "_n")
-    low, high = (f(r, f"{stem}_{end}{unit}", scale, digits) for end in ("low", "high"))
-    return f"{f(r, key, scale, digits)} ({low} to {high})"
+    low, high = (f(r, key.replace("_n", f"_{end}_n", 1), scale, digits) for end in ("low", "high"))
+    return f"{f(r, key, scale, digits)} ({low} to {high})" if r[key] else "-"
 
 
 def tuned(r):
-    if not r["tuning"]:
-        return ""
-    def one(value, unit, edge):
-        value = float(value)
-        text = significant(value, 3) if value < 100 and unit != "samples" else number(value, 0)
-        return f"{text}{' ' + unit if unit != '1' else ''}{'*' if edge == 'true' else ''}"
-    second = f", {one(r['second'], r['second_unit'], r['second_at_edge'])}" if r["second"] else ""
-    return one(r["tuning"], r["tuning_unit"], r["tuning_at_edge"]) + second
-
-
-def walks(r):
-    return r["search_walks"] + ("+" if r["search_settled"] == "false" else "")
-
-
-def left(r):
-    if not r["left_when_bandwidth_low"] and not r["left_when_bandwidth_high"]:
-        return "-"
-    return ", ".join(f(r, f"left_when_bandwidth_{end}", 100) for end in ("low", "high"))
+    def one(key, unit, edge):
+        value = float(r[key])
+        text = significant(value, 3) if value < 100 and r[unit] != "samples" else number(value, 0)
+        return text + (f" {r[unit]}" if r[unit] != "1" else "") + ("*" if r[edge] == "true" else "")
+    keys = [("tuning", "tuning_unit", "tuning_at_edge"), ("second", "second_unit", "second_at_edge")]
+    return ", ".join(one(*names) for names in keys if r[names[0]])
 
 
 def share(r):
@@ -74,15 +57,15 @@ def true_area(file):
     return float(r["area_n2_s_per_m2"]) / float(r["share_of_true_velocity"]) / 1e6
 
 
-@block
+@block("estimator", "needs", "tuning, second parameter", "walks", "area, 10^6 N^2 s/m^2 (lowest to highest)",
+       "of the true velocity's, %", "peak K, kN/m", "K at B, kN/m", "largest B, N s/m", "area left at -3 dB /1.2, x1.2, %")
 def comparison_areas(scene):
-    head = ["estimator", "needs", "tuning, second parameter", "walks", "area, 10^6 N^2 s/m^2 (lowest to highest)",
-            "of the true velocity's, %", "peak K, kN/m", "K at B, kN/m", "largest B, N s/m", "area left at -3 dB /1.2, x1.2, %"]
-    return table(head, [
-        [r["estimator"], r["needs"], tuned(r), walks(r), range_of(r, "area_n2_s_per_m2", 1e-6, 1), share(r),
-         f(r, "stiffness_peak_mean_n_per_m", 1e-3, 1), f(r, "stiffness_at_damping_mean_n_per_m", 1e-3, 1),
-         f(r, "damping_max_mean_n_s_per_m"), left(r)]
-        for r in compared(scene)])
+    for r in compared(scene):
+        walks = r["search_walks"] + ("+" if r["search_settled"] == "false" else "")
+        low, high = (f(r, f"left_when_bandwidth_{end}", 100) for end in ("low", "high"))
+        yield (r["estimator"], r["needs"], tuned(r), walks, range_of(r, "area_n2_s_per_m2", 1e-6, 1), share(r),
+               f(r, "stiffness_peak_mean_n_per_m", 1e-3, 1), f(r, "stiffness_at_damping_mean_n_per_m", 1e-3, 1),
+               f(r, "damping_max_mean_n_s_per_m"), "-" if low == high == "-" else f"{low}, {high}")
 
 
 def cost(name):
@@ -98,18 +81,17 @@ def delay(r):
     return hand if hand == motor else f"{hand} / {motor}"
 
 
-@block
+def pair(r, first, second, scale, digits):
+    return f"{f(r, first, scale, digits)} / {f(r, second, scale, digits)}"
+
+
+@block("estimator", "-3 dB of difference and filter, Hz", "delay at 5 Hz by hand / by motor, ms", "noise at rest / in motion, mm/s",
+       "force above 100 Hz, mN (lowest to highest)", "impedance error, %: all / estimator's share", "cycles", "RAM, bytes")
 def comparison_measures(scene):
-    head = ["estimator", "-3 dB of difference and filter, Hz", "delay at 5 Hz by hand / by motor, ms",
-            "noise at rest / in motion, mm/s", "force above 100 Hz, mN (lowest to highest)",
-            "impedance error, %: all / estimator's share", "cycles", "RAM, bytes"]
-    return table(head, [
-        [r["estimator"], f(r, "bandwidth_hz"), delay(r),
-         f"{f(r, 'noise_at_rest_m_per_s', 1e3, 2)} / {f(r, 'noise_in_motion_m_per_s', 1e3, 2)}",
-         range_of(r, "roughness_n", 1e3, 0),
-         f"{f(r, 'impedance_error', 100, 2)} / {f(r, 'impedance_error_of_estimator', 100, 2)}" if r["impedance_error"] else "-",
-         *cost(r["estimator"])]
-        for r in compared(scene)])
+    for r in compared(scene):
+        yield (r["estimator"], f(r, "bandwidth_hz"), delay(r), pair(r, "noise_at_rest_m_per_s", "noise_in_motion_m_per_s", 1e3, 2),
+               range_of(r, "roughness_n", 1e3, 0),
+               pair(r, "impedance_error", "impedance_error_of_estimator", 100, 2) if r["impedance_error"] else "-", *cost(r["estimator"]))
 
 
 CRITERIA = [
@@ -124,282 +106,224 @@ CRITERIA = [
 ]
 
 
-@block
+@block("criterion", "by the position only", "rank of butterworth", "of those that know more (an observer's area and K: see below)")
 def comparison_winners(scene):
-    winners = said_in(f"compare-{scene}.json")["winners"]
+    winners = {(w["criterion"], w["class"]): w for w in said_in(f"compare-{scene}.json")["winners"]}
 
-    def cell(criterion, kind):
-        found = [w for w in winners if w["criterion"] == criterion and w["class"] == kind]
-        if not found:
-            return ["-", "-"] if kind == "position_only" else ["-"]
-        text = ", ".join(found[0]["best"])
-        beside = [name for name in found[0]["not_told_apart"] if name not in found[0]["best"]]
-        text += f"; not told apart: {', '.join(beside)}" if beside else ""
-        rank = found[0]["butterworth_rank"]
-        return [text, rank if rank is not None else "-"] if kind == "position_only" else [text]
+    def best(found):
+        beside = [name for name in found["not_told_apart"] if name not in found["best"]]
+        return ", ".join(found["best"]) + (f"; not told apart: {', '.join(beside)}" if beside else "")
 
-    return table(
-        ["criterion", "by the position only", "rank of butterworth", "of those that know more (an observer's area and K: see below)"],
-        [[name, *cell(key, "position_only"), *cell(key, "more_than_position")] for key, name in CRITERIA])
+    for key, name in CRITERIA:
+        position, more = (winners.get((key, kind)) for kind in ("position_only", "more_than_position"))
+        rank = position["butterworth_rank"] if position else None
+        yield name, best(position) if position else "-", "-" if rank is None else rank, best(more) if more else "-"
 
 
-@block
+@block("what", "walls")
 def comparison_walls():
     told = said_in("compare-paper-1um.json")
-    walls = [f"{number(w['stiffness_n_per_m'])} N/m with {w['damping_n_s_per_m']:g} N s/m" for w in told["walls"]]
-    return table(["what", "walls"], [["force above 100 Hz", f"K {walls[1]}"], ["impedance", ", ".join(f"K {w}" for w in walls)],
-                                     ["hold and latency alone, with the true velocity",
-                                      f"an impedance error of {100 * told['impedance_error_of_loop']:.2f} %"]])
+    walls = [f"K {number(w['stiffness_n_per_m'])} N/m with {w['damping_n_s_per_m']:g} N s/m" for w in told["walls"]]
+    yield "force above 100 Hz", walls[1]
+    yield "impedance", ", ".join(walls)
+    yield "hold and latency alone, with the true velocity", f"an impedance error of {100 * told['impedance_error_of_loop']:.2f} %"
 
 
-@block
+def area(scene, name):
+    return float(of(scene, name)["area_n2_s_per_m2"])
+
+
+@block("estimator", "cycles", "area against butterworth, 1 um", "2 um", "area left when mistuned by 1.2, 1 um", "2 um",
+       "noise in motion, 1 um, mm/s", "force above 100 Hz, 1 um, mN")
 def comparison_short():
-    def gain(name, scene):
-        return 100 * (float(of(scene, name)["area_n2_s_per_m2"]) / float(of(scene, "butterworth")["area_n2_s_per_m2"]) - 1)
-
-    def worst(name, scene):
-        r = of(scene, name)
-        return f"{100 * float(r['left_when_bandwidth_wrong']):.0f} %"
-
-    names = ["butterworth", "kalman-3", "levant-explicit", "fusion"]
-    body = []
-    for name in names:
-        both = ["paper-1um"] if name == "fusion" else ["paper-1um", "paper-2um"]
-        cells = [f"{gain(name, s):+.0f} %" for s in both] + ["-"] * (2 - len(both))
-        offs = [worst(name, s) for s in both] + ["-"] * (2 - len(both))
-        body.append([name, cost(name)[0], *cells, *offs, f(of("paper-1um", name), "noise_in_motion_m_per_s", 1e3, 2),
-                     f(of("paper-1um", name), "roughness_n", 1e3)])
-    return table(["estimator", "cycles", "area against butterworth, 1 um", "2 um", "area left when mistuned by 1.2, 1 um", "2 um",
-                  "noise in motion, 1 um, mm/s", "force above 100 Hz, 1 um, mN"], body)
+    for name in ["butterworth", "kalman-3", "levant-explicit", "fusion"]:
+        scenes = ["paper-1um"] if name == "fusion" else ["paper-1um", "paper-2um"]
+        gains = [f"{100 * (area(s, name) / area(s, 'butterworth') - 1):+.0f} %" for s in scenes]
+        worst = [f"{100 * float(of(s, name)['left_when_bandwidth_wrong']):.0f} %" for s in scenes]
+        none = ["-"] * (2 - len(scenes))
+        fine = of("paper-1um", name)
+        yield (name, cost(name)[0], *gains, *none, *worst, *none, f(fine, "noise_in_motion_m_per_s", 1e3, 2), f(fine, "roughness_n", 1e3))
 
 
-LIMITED = ["butterworth", "first-order", "kalman-3", "levant-explicit", "time-stamps"]
+AT_LIMIT = {5: "compare-paper-1um-limit-5um.csv", 15: "compare-paper-1um.csv", 30: "compare-paper-1um-limit-30um.csv"}
 
 
-def at_limit(um):
-    return "compare-paper-1um.csv" if um == 15 else f"compare-paper-1um-limit-{um}um.csv"
-
-
-@block
+@block("estimator", *(f"limit of {um} um" for um in AT_LIMIT))
 def comparison_limits(column, scale, digits):
-    def cell(name, um):
-        r = row(at_limit(um), estimator=name)
+    def cell(r):
         cut = column == "area_n2_s_per_m2" and float(r["damping_max_mean_n_s_per_m"]) >= 4000
         return f(r, column, float(scale), int(digits)) + (" (up to the cap of B)" if cut else "")
-    ceiling = [["the true velocity", *[f"{true_area(at_limit(um)):.{digits}f}" for um in (5, 15, 30)]]]
-    ceiling = ceiling if column == "area_n2_s_per_m2" else []
-    return table(["estimator", *[f"limit of {um} um" for um in (5, 15, 30)]],
-                 [[name, *[cell(name, um) for um in (5, 15, 30)]] for name in LIMITED] + ceiling)
+
+    for name in ("butterworth", "first-order", "kalman-3", "levant-explicit", "time-stamps"):
+        yield name, *(cell(row(file, estimator=name)) for file in AT_LIMIT.values())
+    if column == "area_n2_s_per_m2":
+        yield "the true velocity", *(f"{true_area(file):.{digits}f}" for file in AT_LIMIT.values())
 
 
-@block
+@block("limit of the RMS, um", "butterworth's best cutoff, Hz")
 def comparison_cutoffs():
-    return table(["limit of the RMS, um", "butterworth's best cutoff, Hz"],
-                 [[um, f(row(at_limit(um), estimator="butterworth"), "tuning")] for um in (5, 15, 30)])
+    return [[um, f(row(file, estimator="butterworth"), "tuning")] for um, file in AT_LIMIT.items()]
 
 
-FIDELITY = ["butterworth", "kalman-3", "levant-explicit", "levant-implicit", "time-stamps", "fusion", "observer"]
-
-
-@block
+@block("estimator", "1 Hz", "10 Hz", "50 Hz", "100 Hz")
 def comparison_frequencies():
-    def mean(name, hz):
-        file = "compare-paper-1um-accelerometer-fidelity.csv" if name == "fusion" else "compare-paper-1um-fidelity.csv"
-        found = [r for r in rows(file) if r["estimator"] == name and abs(float(r["frequency_hz"]) / hz - 1) < 0.01]
-        total, share, loop = (100 * sum(float(r[key]) for r in found) / len(found) for key in
-                              ("impedance_error", "impedance_error_of_estimator", "impedance_error_of_loop"))
-        return total, share, loop
+    def mean(name, part=""):
+        """Of the walls, at each frequency."""
+        scene = "paper-1um-accelerometer" if name == "fusion" else "paper-1um"
+        for hz in (1, 10, 50, 100):
+            errors = [float(r[f"impedance_error{part}"]) for r in rows_of(f"compare-{scene}-fidelity.csv", estimator=name)
+                      if abs(float(r["frequency_hz"]) / hz - 1) < 0.01]
+            yield significant(100 * sum(errors) / len(errors), 2)
 
-    hz = (1, 10, 50, 100)
-    body = [["hold and latency alone", *[significant(mean("butterworth", h)[2], 2) for h in hz]]]
-    for name in FIDELITY:
-        body.append([name, *["{} / {}".format(*[significant(x, 2) for x in mean(name, h)[:2]]) for h in hz]])
-    return table(["estimator", *[f"{h} Hz" for h in hz]], body)
+    yield "hold and latency alone", *mean("butterworth", "_of_loop")
+    for name in ("butterworth", "kalman-3", "levant-explicit", "levant-implicit", "time-stamps", "fusion", "observer"):
+        yield name, *map(" / ".join, zip(mean(name), mean(name, "_of_estimator")))
 
 
-@block
+@block("bandwidth of the observer told in time, with the device's own mass, Hz", "area, 10^6 N^2 s/m^2")
 def comparison_observer():
     """Every tuning that was tried with the device's own mass, beside two others."""
-    tried = [r for r in rows("compare-paper-1um-tuning.csv")
-             if r["estimator"] == "observer told in time" and abs(float(r["second"] or 0) / 0.416 - 1) < 1e-3]
-    wanted = sorted(tried, key=lambda r: float(r["tuning"]))
-    best = max(wanted, key=lambda r: float(r["area_n2_s_per_m2"]))
-    step = max(1, len(wanted) // 6)
-    picked = sorted({float(r["tuning"]): r for r in [*wanted[::step], best]}.items())
-    return table(
-        ["bandwidth of the observer told in time, with the device's own mass, Hz", "area, 10^6 N^2 s/m^2"],
-        [[significant(hz, 3) + (" (the best)" if r is best else ""), f(r, "area_n2_s_per_m2", 1e-6, 1)] for hz, r in picked]
-        + [[f"beside it: {name}", f(of("paper-1um", name), "area_n2_s_per_m2", 1e-6, 1)] for name in ("kalman-3", "fusion")])
+    tried = sorted((r for r in rows_of("compare-paper-1um-tuning.csv", estimator="observer told in time")
+                    if abs(float(r["second"] or 0) / 0.416 - 1) < 1e-3), key=lambda r: float(r["tuning"]))
+    best = max(tried, key=lambda r: float(r["area_n2_s_per_m2"]))
+    picked = {float(r["tuning"]): r for r in [*tried[:: max(1, len(tried) // 6)], best]}
+    for hz, r in sorted(picked.items()):
+        yield significant(hz, 3) + (" (the best)" if r is best else ""), f(r, "area_n2_s_per_m2", 1e-6, 1)
+    for name in ("kalman-3", "fusion"):
+        yield f"beside it: {name}", f(of("paper-1um", name), "area_n2_s_per_m2", 1e-6, 1)
 
 
-@block
+@block("estimator", "area, times butterworth's", "delay by hand / by motor, ms", "phase at 100 Hz by hand, degrees", "by motor, degrees",
+       "impedance error, %", "estimator's share, %", "area left with a mass 20 % too small, too large, %")
 def comparison_observers():
-    names = ["observer", "observer told in time", "kalman-3"]
-    def line(name):
+    for name in ["observer", "observer told in time", "kalman-3"]:
         r = of("paper-1um", name)
-        area = float(r["area_n2_s_per_m2"]) / float(of("paper-1um", "butterworth")["area_n2_s_per_m2"])
         mass = f"{f(r, 'left_when_mass_low', 100)}, {f(r, 'left_when_mass_high', 100)}" if r["left_when_mass_low"] else "-"
-        return [name, significant(area, 2), delay(r), f(r, "phase_100_hz_hand_deg", 1, 0), f(r, "phase_100_hz_motor_deg", 1, 0),
-                f(r, "impedance_error", 100, 1), f(r, "impedance_error_of_estimator", 100, 2), mass]
-    return table(["estimator", "area, times butterworth's", "delay by hand / by motor, ms", "phase at 100 Hz by hand, degrees",
-                  "by motor, degrees", "impedance error, %", "estimator's share, %", "area left with a mass 20 % too small, too large, %"],
-                 [line(name) for name in names])
+        yield (name, significant(area("paper-1um", name) / area("paper-1um", "butterworth"), 2), delay(r),
+               f(r, "phase_100_hz_hand_deg"), f(r, "phase_100_hz_motor_deg"),
+               f(r, "impedance_error", 100, 1), f(r, "impedance_error_of_estimator", 100, 2), mass)
 
 
-@block
+@block("estimator", "area that the coarser encoder costs", "tuning at 1 um", "at 2 um")
 def comparison_coarser():
-    names = ["levant-explicit", "kalman-3", "butterworth", "time-stamps"]
-    def loss(name):
-        fine, coarse = (float(of(s, name)["area_n2_s_per_m2"]) for s in ("paper-1um", "paper-2um"))
-        return 100 * (1 - coarse / fine)
-    return table(["estimator", "area that the coarser encoder costs", "tuning at 1 um", "at 2 um"],
-                 [[name, f"{loss(name):.0f} %", *[tuned(of(s, name)) for s in ("paper-1um", "paper-2um")]]
-                  for name in sorted(names, key=loss)])
+    lost = {name: 100 * (1 - area("paper-2um", name) / area("paper-1um", name))
+            for name in ("levant-explicit", "kalman-3", "butterworth", "time-stamps")}
+    for name in sorted(lost, key=lost.get):
+        yield name, f"{lost[name]:.0f} %", *(tuned(of(scene, name)) for scene in ("paper-1um", "paper-2um"))
 
 
-@block
+@block("peak K over that of the filter of 50 Hz", "Levant", "windowing", "Kalman")
+def comparison_published():
+    """The published order of the estimators."""
+    def peak(name):
+        return float(of("paper-1um", name)["stiffness_peak_mean_n_per_m"])
+
+    pairs = [("levant-explicit", "levant-implicit"), ("foaw-end", "foaw-best"), ("kalman-2", "kalman-3")]
+    yield "published", "2.07", "1.93", "1.33"
+    yield "each tuned, no filter behind it", *(
+        ", ".join(f"{peak(name) / peak('first-order at 50 Hz'):.1f} {name}" for name in pair) for pair in pairs)
+
+
+@block("table", "command", "at commit")
 def made_by(*patterns):
     """Stored tables with command and commit."""
-    found = [r for r in rows("made.csv") if any(r["file"].startswith(p) for p in patterns)]
-    return table(["table", "command", "at commit"],
-                 [[f"[{r['file']}](data/{r['file']})", f"`{r['command']}`", r["commit"]] for r in found])
+    for r in rows("made.csv"):
+        if r["file"].startswith(patterns):
+            yield f"[{r['file']}](data/{r['file']})", f"`{r['command']}`", r["commit"]
 
 
 # Real counts: records of machines that are not part of the project
 def ranked(machine):
     """The ranks on the record MACHINE.csv, if it lies in the root."""
-    command = LONG[f"rank-{machine}"][0].removeprefix("cargo sim ")
-    if not (ROOT / f"{machine}.csv").exists():
+    record = ROOT / f"{machine}.csv"
+    if not record.exists():
         raise SystemExit(f"error: {machine}.csv is not here; docs/lab/estimators-measured.md says where it is from")
-    with tempfile.TemporaryDirectory() as folder:
-        ran = shell(f"{programs()}/host-sim {command} --csv {folder}/ranks.csv", ROOT)
-        if ran.returncode:
-            raise SystemExit(ran.stderr)
-        with open(f"{folder}/ranks.csv", newline="") as file:
-            return list(csv.DictReader(file))
+    command = LONG[f"rank-{machine}"][0].removeprefix("cargo sim ").replace(record.name, str(record))
+    return list(csv.DictReader(said(f"{command} --csv ranks.csv", wrote="ranks.csv").splitlines()))
 
 
 for machine in ("emps", "qube"):
     long(f"rank-{machine}")(functools.partial(ranked, machine))
 
 
-@block
+@block("estimator", *(f"{machine}: {what}" for machine, unit in (("EMPS", "mm/s"), ("QUBE", "deg/s"))
+                       for what in ("-3 dB, Hz", f"error, {unit}", f"by ideal counts, {unit}")))
 def ranked_counts():
     """Errors of the estimators on real counts, and on ideal ones."""
-    of = {machine: {r["estimator"]: r for r in rows(f"rank-{machine}.csv")} for machine in ("emps", "qube")}
+    machines = {"emps": 1e3, "qube": 180 / math.pi}
+    of = {machine: {r["estimator"]: r for r in rows(f"rank-{machine}.csv")} for machine in machines}
 
-    def cells(r, scale):
-        speeds = [float(value) for key, value in r.items() if "error" in key]
-        return [number(float(r["bandwidth_hz"]), 0) if r["bandwidth_hz"] else "", *(significant(scale * speed, 3) for speed in speeds)]
-    body = [[f"`{name}`", *cells(r, 1e3), *cells(of["qube"][name], 180 / math.pi)] for name, r in of["emps"].items()]
+    def errors(r):
+        return [float(error) for key, error in r.items() if "error" in key]
+
+    def cells(machine, name):
+        r = of[machine][name]
+        return f(r, "bandwidth_hz", none=""), *(significant(machines[machine] * error, 3) for error in errors(r))
 
     def correlation(machine):
-        real, ideal = ([float(r[next(key for key in r if key.startswith(start))]) for r in of[machine].values()] for start in ("error", "simulated"))
-        apart = sum((sorted(real).index(a) - sorted(ideal).index(b)) ** 2 for a, b in zip(real, ideal, strict=True))
+        real, ideal = zip(*map(errors, of[machine].values()))
+        apart = sum((sorted(real).index(a) - sorted(ideal).index(b)) ** 2 for a, b in zip(real, ideal))
         return f"{1 - 6 * apart / (len(real) * (len(real) ** 2 - 1)):.2f}"
-    body.append(["rank correlation of both errors", "", "", correlation("emps"), "", "", correlation("qube")])
-    return table(["estimator", *(f"{machine}: {what}" for machine, unit in (("EMPS", "mm/s"), ("QUBE", "deg/s"))
-                                 for what in ("-3 dB, Hz", f"error, {unit}", f"by ideal counts, {unit}"))], body)
 
-
-@block
-def identified_machines():
-    """What `identify` finds on records of real machines, beside what others have found."""
-    return table(["machine", "value", "published", "inverse dynamic model", "`identify`"],
-                 [[r["machine"], r["value"], r["published"], r["inverse_dynamic"], r["identify"]] for r in rows("identify-machines.csv")])
+    for name in of["emps"]:
+        yield f"`{name}`", *cells("emps", name), *cells("qube", name)
+    yield "rank correlation of both errors", "", "", correlation("emps"), "", "", correlation("qube")
 
 
 # Velocity estimators
-@block
+@block("estimator", "cycles, at most", "mean at the default", "state and coefficients, bytes")
 def estimator_costs():
-    made = []
     for r in rows("host-sim/data/estimator_cost.csv"):
-        cycles = [m(f"elf/estimator_cost/{r['estimator']}/{key}") for key in ("most", "mean")]
-        made.append([f"`{r['estimator']}`", *cycles, r["ram_bytes"]])
-    return table(["estimator", "cycles, at most", "mean at the default", "state and coefficients, bytes"], made)
+        yield f"`{r['estimator']}`", *(m(f"elf/estimator_cost/{r['estimator']}/{key}") for key in ("most", "mean")), r["ram_bytes"]
 
 
-@block
-def estimator_twins():
-    names = ["difference", "taylor-2", "taylor-3", "least-squares-1", "least-squares-2", "first-order",
-             "butterworth", "foaw-end", "foaw-best", "kalman-2", "kalman-3", "levant-explicit", "levant-implicit"]
-    stated = {
-        "difference": "0", "taylor-2": "0.6, against exact weights", "taylor-3": "the same",
-        "least-squares-1": "the same", "least-squares-2": "the same", "first-order": "1.5",
-        "butterworth": "`1.5 + speed * 3 * 2^-31 / (4 b0)`, speed in LSB: a1 and a2 are rounded to 2^-30 and 2^-31, `4 b0` is their sum with 1",
-        "foaw-end": "0.5, the rounding", "foaw-best": "the same", "kalman-2": "1.1: the residue of the rounding is carried",
-        "kalman-3": "the same", "levant-explicit": "2, while the acceleration stays below C",
-        "levant-implicit": "1, while the acceleration stays below C and c >= 0.2; below, see the text",
-    }
-    body = []
-    for name in names:
-        value = float(measured(f"host/estimators/{name}/twin_lsb"))
-        body.append([f"`{name}`", "0" if value == 0 else number(value, 1), stated[name]])
-    return table(["estimator", "largest difference, LSB", "stated, LSB"], body)
-
-
-@block
+@block("speed, counts per sample", "0.05", "0.7", "-0.347")
 def estimator_slow():
-    speeds = ["0.05", "0.7", "-0.347"]
-    return table(
-        ["speed, counts per sample", *speeds],
-        [[name, *[power(float(measured(f"elf/edge_times/speed_{s}/{key}"))) if key != "difference"
-                  else number(float(measured(f"elf/edge_times/speed_{s}/{key}")), 2) for s in speeds]]
-         for name, key in [("velocity off by at most", "off"), ("stated", "stated"), ("finite difference off by", "difference")]])
+    for name, key, write in [("velocity off by at most", "off", power), ("stated", "stated", power),
+                             ("finite difference off by", "difference", number)]:
+        yield name, *(write(measured(f"elf/edge_times/speed_{speed}/{key}"), 2) for speed in ("0.05", "0.7", "-0.347"))
 
 
 # Defaults of other systems
 PEERS = "peers-paper-1um.csv"
-PEER_LIMITS = [("1.5e-05", "15 um"), ("5e-06", "5 um"), ("2e-06", "2 um"), ("1e-06", "1 um"), ("0.0", "felt, 0 dB")]
+PEER_LIMITS = {15e-6: "15 um", 5e-6: "5 um", 2e-6: "2 um", 1e-6: "1 um", 0.0: "felt, 0 dB"}
 
 
-def peer(loop, estimator, limit):
-    return next(r for r in rows(PEERS) if r["loop"] == loop and r["estimator"] == estimator and float(r["limit"]) == float(limit))
+def by_peer(loop):
+    """The rows of a loop, by estimator and limit."""
+    found = grouped(rows_of(PEERS, loop=loop), "estimator")
+    return {name: {float(r["limit"]): r for r in limits} for (name,), limits in found.items()}
 
 
-def peer_names():
-    return list(dict.fromkeys(r["estimator"] for r in rows(PEERS)))
-
-
-@block
+@block("estimator", *PEER_LIMITS.values())
 def peers(loop):
-    def cell(name, limit):
-        r = peer(loop, name, limit)
-        share = 100 * float(r["share_of_true_velocity"])
-        return f"{area_of(r)} ({share:.{0 if share >= 9.95 else 1}f} %)"
-
-    return table(["estimator", *(text for _, text in PEER_LIMITS)],
-                 [[f"`{name}`", *(cell(name, limit) for limit, _ in PEER_LIMITS)] for name in peer_names()])
+    for name, found in by_peer(loop).items():
+        shares = {limit: 100 * float(found[limit]["share_of_true_velocity"]) for limit in PEER_LIMITS}
+        yield f"`{name}`", *(f"{area_of(found[limit])} ({share:.{0 if share >= 9.95 else 1}f} %)" for limit, share in shares.items())
 
 
-@block
+@block("row", "what it does", "where that stands")
 def peers_sources():
     of = {r["estimator"]: r for r in rows(PEERS)}
-    return table(["row", "what it does", "where that stands"],
-                 [[f"`{name}`", r["does"], r["source"]] for name, r in of.items() if r["source"]])
+    return [[f"`{name}`", r["does"], r["source"]] for name, r in of.items() if r["source"]]
 
 
-@block
+@block("velocity by default", *(f"{loop}, {by}" for by in ("quiet", "15 um") for loop in ("paper's loop", "board")))
 def peers_quiet():
     """Quiet walls first, then the paper's criterion."""
     quiet = {(r["loop"], r["estimator"]): area_of(r) for r in rows("peers-paper-1um-quiet.csv")}
-    loops = [("paper-1um", "paper's loop"), ("nucleo-f446re", "board")]
-    body = [[f"`{name}`", *(quiet[loop, name] for loop, _ in loops),
-             *(area_of(peer(loop, name, PEER_LIMITS[0][0])) for loop, _ in loops)] for name in peer_names()]
-    return table(["velocity by default", *(f"{text}, {by}" for by in ("quiet", PEER_LIMITS[0][1]) for _, text in loops)], body)
+    loops = ("paper-1um", "nucleo-f446re")
+    by_limit = [by_peer(loop) for loop in loops]
+    for name in by_limit[0]:
+        yield f"`{name}`", *(quiet[loop, name] for loop in loops), *(area_of(found[name][15e-6]) for found in by_limit)
 
 
-@block
+@block("estimator", *(f"{loop}: {text}" for loop in ("paper's loop", "board")
+                       for text in ("quiet", "of the true velocity's", "by 15 um", "at")))
 def comparison_quiet():
-    def cells(scene):
-        return {r["estimator"]: [significant(float(r["area_n2_s_per_m2"]) / 1e6, 3),
-                                 f"{100 * float(r['share_of_true_velocity']):.0f} %",
-                                 significant(float(r["scene_area_n2_s_per_m2"]) / 1e6, 3),
-                                 f"{float(r['tuning']):.0f} Hz" if r["tuning_unit"] == "Hz" else ""]
-                for r in rows(f"compare-{scene}-quiet.csv")}
+    def cells(r):
+        return (mega(r["area_n2_s_per_m2"]), f"{100 * float(r['share_of_true_velocity']):.0f} %", mega(r["scene_area_n2_s_per_m2"]),
+                f"{float(r['tuning']):.0f} Hz" if r["tuning_unit"] == "Hz" else "")
 
-    paper, board = cells("paper-1um"), cells("nucleo-f446re")
-    order = sorted(paper, key=lambda name: -float(paper[name][0]))
-    head = ["quiet", "of the true velocity's", "by 15 um", "at"]
-    return table(["estimator", *(f"{loop}: {text}" for loop in ("paper's loop", "board") for text in head)],
-                 [[f"`{name}`", *paper[name], *board[name]] for name in order])
+    for r in sorted(rows("compare-paper-1um-quiet.csv"), key=lambda r: float(r["area_n2_s_per_m2"]), reverse=True):
+        yield f"`{r['estimator']}`", *cells(r), *cells(row("compare-nucleo-f446re-quiet.csv", estimator=r["estimator"]))

@@ -10,7 +10,8 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from tools import ROOT, run
+
 DATA = ROOT / "docs/data"
 PAGES = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", *(
     f"{folder}/{page.name}" for folder in ("docs", "docs/lab") for page in sorted((ROOT / folder).glob("*.md")))]
@@ -28,25 +29,26 @@ def shell(command, folder=ROOT, seconds=None, **more):
 
 def commit():
     """The last commit that changed the programs; + where they have been changed since."""
-    programs_ = "src host-sim lab virtual-board scenes Cargo.lock rust-toolchain.toml"
-    changed = shell(f"git status --porcelain --untracked-files=no -- {programs_}").stdout
-    return shell(f"git log -1 --abbrev=9 --format=%h -- {programs_}").stdout.strip() + ("+" if changed else "")
+    where = "src host-sim lab virtual-board scenes Cargo.lock rust-toolchain.toml"
+    changed = shell(f"git status --porcelain --untracked-files=no -- {where}").stdout
+    return shell(f"git log -1 --abbrev=9 --format=%h -- {where}").stdout.strip() + ("+" if changed else "")
 
 
 @functools.cache
 def rows(name):
     """A stored table: docs/data/NAME, or a path from the root."""
     path = ROOT / name if "/" in name else DATA / name
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
+    return list(csv.DictReader(path.read_text().splitlines(keepends=True)))
 
 
 def store(name, body, columns=None):
-    """Writes docs/data/NAME: these columns of the rows, or all that the first row has."""
-    with (DATA / name).open("w", newline="") as file:
+    """Writes docs/data/NAME, whole or not at all: these columns of the rows, or all that the first row has."""
+    draft = DATA / f"{name}.new"
+    with draft.open("w", newline="") as file:
         writer = csv.DictWriter(file, columns or list(body[0]), lineterminator="\n", extrasaction="ignore")
         writer.writeheader()
         writer.writerows(body)
+    draft.rename(DATA / name)
     rows.cache_clear()
 
 
@@ -60,6 +62,14 @@ def row(name, **wanted):
     if not found:
         raise SystemExit(f"error: {name} has no row {wanted}")
     return found[0]
+
+
+def grouped(found, *keys):
+    """Rows by their values of these keys."""
+    groups = {}
+    for r in found:
+        groups.setdefault(tuple(r[key] for key in keys), []).append(r)
+    return groups
 
 
 @functools.cache
@@ -104,10 +114,8 @@ def programs():
     """The simulator, built; its folder."""
     if stored_only:
         raise NeedsProgram
-    built = shell("cargo build --quiet --release --package host-sim", ROOT)
-    if built.returncode:
-        raise SystemExit(built.stderr)
-    return ROOT / 'target/release'
+    run("cargo", "build", "--quiet", "--release", "--package", "host-sim")
+    return ROOT / "target/release"
 
 
 @functools.cache
@@ -116,18 +124,18 @@ def sim(arguments, scene=None):
     return json.loads(said(f"{arguments} --json", scene))
 
 
-def said(arguments, scene=None):
-    """What `cargo sim ARGUMENTS` says."""
+def said(arguments, scene=None, wrote=None):
+    """What `cargo sim ARGUMENTS` says, or the text of a file that it writes."""
     with tempfile.TemporaryDirectory() as folder:
         if scene:
             (Path(folder) / "SCENE.toml").write_text(scene)
         ran = shell(f"{programs()}/host-sim {arguments}", folder)
-    if ran.returncode:
-        raise SystemExit(f"error: cargo sim {arguments}: {ran.stderr}")
-    return ran.stdout
+        if ran.returncode:
+            raise SystemExit(f"error: cargo sim {arguments}: {ran.stderr}")
+        return (Path(folder) / wrote).read_text() if wrote else ran.stdout
 
 
-def changed_scene(name, **changes):
+def scene_of(name, **changes):
     """A scene's text with the values of some keys exchanged; of keys that stand in it once."""
     text = (ROOT / f"scenes/{name}.toml").read_text()
     for key, value in changes.items():
@@ -141,14 +149,19 @@ def measured(key):
     return row("measured.csv", figure=key)["value"]
 
 
+def value(key):
+    """The same as a number."""
+    return float(measured(key))
+
+
 def m(key, digits=None, scale=1.0):
-    """The same as a number with so many digits behind the point."""
-    return number(float(measured(key)) * scale, digits)
+    """The same as the pages write it."""
+    return number(value(key) * scale, digits)
 
 
 def number(value, digits=None):
-    """As the pages write it: thousands with commas from 10,000 on."""
-    text = f"{value:.{digits}f}" if digits is not None else f"{value:g}"
+    """With so many digits behind the point; thousands with commas from 10,000 on."""
+    text = f"{float(value):.{digits}f}" if digits is not None else f"{float(value):g}"
     if not float(text):
         text = text.removeprefix("-")
     whole, point, rest = text.partition(".")
@@ -157,6 +170,7 @@ def number(value, digits=None):
 
 def significant(value, digits):
     """So many significant digits; an exponent where there would be many zeros."""
+    value = float(value)
     if abs(value) < 1e-4:
         return power(value, digits) if value else "0"
     return number(value, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
@@ -164,12 +178,26 @@ def significant(value, digits):
 
 def short(value):
     """Three digits, without zeros at their end."""
-    return number(float(f"{value:.3g}"))
+    return number(f"{value:.3g}")
 
 
-def area_of(r):
-    """10^6 N^2 s/m^2; that of a walk which a cap has ended is larger."""
-    return ("> " if int(r["capped_walks"]) else "") + short(float(r["area_n2_s_per_m2"]) * 1e-6)
+def mega(area):
+    """An area in 10^6 N^2 s/m^2, three digits."""
+    return significant(float(area) / 1e6, 3)
+
+
+def area_of(r, write=short):
+    """In 10^6 N^2 s/m^2; that of a walk which a cap has ended is larger."""
+    return ("> " if int(r["capped_walks"]) else "") + write(float(r["area_n2_s_per_m2"]) * 1e-6)
+
+
+def at_ideal(found):
+    """Those of the ideal cutoff, of rows of `sweep --limits`."""
+    return [r for r in found if r["cutoff_hz"] == r["ideal_cutoff_hz"]]
+
+
+def hertz(r, key="cutoff_hz"):
+    return f"{float(r[key]):g}"
 
 
 def said_in(name):
@@ -179,7 +207,7 @@ def said_in(name):
 
 def power(value, digits=2):
     """4.3e-5."""
-    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    mantissa, exponent = f"{float(value):.{digits - 1}e}".split("e")
     return f"{mantissa}e{int(exponent)}"
 
 
@@ -208,16 +236,14 @@ def same(key, a, b):
 
 def take_measured(change):
     """Takes over what tests have left, or says where it differs from what is stored."""
-    stored = rows("measured.csv")
-    lines = {row["figure"]: n for n, row in enumerate(stored, 2)}
-    told = {row["figure"]: dict(row) for row in stored}
+    told = {row["figure"]: {**row, "line": n} for n, row in enumerate(rows("measured.csv"), 2)}
     differences, now = [], commit() if change else ""
     for file in sorted(path for path in LEFT_BY_TESTS.rglob("*") if path.is_file()):
-        key, value = str(file.relative_to(LEFT_BY_TESTS)), file.read_text()
-        old = told.get(key, {"value": ""})["value"]
-        if not same(key, old, value):
-            differences.append(f"docs/data/measured.csv:{lines.get(key, 1)}: {key} is {old}, the test says {value}")
-            told[key] = {"figure": key, "value": value, "commit": now}
+        key, found = str(file.relative_to(LEFT_BY_TESTS)), file.read_text()
+        old = told.get(key, {"value": "", "line": 1})
+        if not same(key, old["value"], found):
+            differences.append(f"docs/data/measured.csv:{old['line']}: {key} is {old['value']}, the test says {found}")
+            told[key] = {"figure": key, "value": found, "commit": now}
     if change and differences:
         store("measured.csv", [told[key] for key in sorted(told)], ["figure", "value", "commit"])
     return differences
@@ -232,20 +258,17 @@ CLASSES = ["no_effect", "bounded", "off_in_time", "off_late", "unnoticed"]
 CHUNK = 2000
 
 
-def told_by(command):
-    """What a campaign prints with --json; that it found something wrong does not stop it."""
-    ran = subprocess.run(f"{command} --json", shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
-    if not ran.stdout:
-        raise SystemExit(ran.returncode)
-    return json.JSONDecoder().raw_decode(ran.stdout)[0]  # an error may follow
-
-
 def said_once(name, command):
-    """What a campaign says; kept in target/campaign/COMMIT, so that a longer one goes on where it was ended."""
+    """What a campaign prints with --json; that it found something wrong does not stop it. Kept in target/campaign/COMMIT,
+    so that a longer one goes on where it was ended."""
     path = ROOT / "target/campaign" / commit().rstrip("+") / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists():
-        path.with_suffix(".new").write_text(json.dumps(told_by(command)))
+        ran = subprocess.run(f"{command} --json", shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+        if not ran.stdout:
+            raise SystemExit(ran.returncode)
+        told = json.JSONDecoder().raw_decode(ran.stdout)[0]  # an error may follow
+        path.with_suffix(".new").write_text(json.dumps(told))
         path.with_suffix(".new").rename(path)
     return json.loads(path.read_text())
 
@@ -254,29 +277,41 @@ def flips_in_parts(command, option):
     """What it says of so many flips of each board."""
     flips = int(re.search(rf"--{option} (\d+)", command)[1])
     command = command.replace(f" --{option} {flips}", "").replace(" --rows none", "")
-    return [said_once(f"{option}-{board}-{first}", f"{command} --board {board} --rows none --first {first} --{option} {min(CHUNK, flips - first)}")
+    return [said_once(f"{option}-{board}-{first}",
+                      f"{command} --board {board} --rows none --first {first} --{option} {min(CHUNK, flips - first)}")
             for first in range(0, flips, CHUNK) for board in BOARDS]
+
+
+def summed(flips, part, counts, ends, largest=()):
+    """How flips ended, by board and part: sums of these ends in `counts`, and the largest of some values."""
+    sums = {(board, row[part] or "all"): dict.fromkeys([*ends, *largest], 0) for board in BOARDS for row in flips if row["board"] == board}
+    for row in flips:
+        total = sums[row["board"], row[part] or "all"]
+        total.update({name: total[name] + row[counts].get(name, 0) for name in ends})
+        total.update({name: max(total[name], row[name]) for name in largest})
+    return [{"board": board, part: of, **total} for (board, of), total in sums.items()]
+
+
+def share_of(row, name, ends):
+    """Wilson's 95 % interval of the share that ended so."""
+    trials, z = max(sum(row[end] for end in ends), 1), 1.96
+    share, whole = row[name] / trials, 1 + z * z / trials
+    middle = (share + z * z / (2 * trials)) / whole
+    half = z / whole * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
+    return {f"{name}_low": max(middle - half, 0.0), f"{name}_high": min(middle + half, 1.0)}
 
 
 def campaign(command, files):
     """Runs a campaign of faults and stores named rows, regions of random flips, and the flips that were late or stayed."""
-    told = [said_once("rows", re.sub(r" --random \d+", "", command)), *flips_in_parts(command, "random")]
-    named = told[0]["rows"]
-    left = [row for part in told[1:] for row in part["rows"] if row["class"] in CLASSES[3:]]
+    named = said_once("rows", re.sub(r" --random \d+", "", command))["rows"]
+    parts = flips_in_parts(command, "random")
+    left = [row for part in parts for row in part["rows"] if row["class"] in CLASSES[3:]]
     left.sort(key=lambda row: BOARDS.index(row["board"]))
-    sums = {}
-    for row in (row for part in told[1:] for row in part["random"]):
-        of_region = sums.setdefault((row["board"], row["region"] or "all"), dict.fromkeys(CLASSES, 0))
-        for name in CLASSES:
-            of_region[name] += row["counts"].get(name, 0)
-    regions = [{"board": board, "region": region, **counts,
-                **{f"{name}_{end}": value for name in CLASSES[3:]
-                   for end, value in zip(("low", "high"), wilson(counts[name], sum(counts.values())))}}
-               for (board, region), counts in sorted(sums.items(), key=lambda item: BOARDS.index(item[0][0]))]
+    regions = summed([row for part in parts for row in part["random"]], "region", "counts", CLASSES)
     columns = ["board", "name", "situation", "class", "off_s", "speed_m_per_s", "travel_m", "code"]
-    for key, body in (("rows", named), ("random", regions), ("left", left)):
-        head = list(regions[0]) if key == "random" else columns + (["reason"] if key == "rows" else ["region"])
-        store(files[key], body, head)
+    store(files["rows"], named, [*columns, "reason"])
+    store(files["random"], [{**row, **share_of(row, "off_late", CLASSES), **share_of(row, "unnoticed", CLASSES)} for row in regions])
+    store(files["left"], left, [*columns, "region"])
 
 
 # Ends of a flip in the program in flash, in the order of `cargo board campaign`.
@@ -285,19 +320,9 @@ ENDS = ["harmless", "wrong", "other", "late", "unnoticed"]
 
 def campaign_image(command, files):
     """Runs a campaign of flips in flash and stores how they ended, by board and part."""
-    sums = {}
-    most = ("wrong_s", "speed_m_per_s", "off_s")
-    for row in (row for told in flips_in_parts(command, "image") for row in told["image"]):
-        of_part = sums.setdefault((row["board"], row["part"] or "all"), dict.fromkeys([*ENDS, *most], 0))
-        for name in ENDS:
-            of_part[name] += row["ends"].get(name, 0)
-        for name in most:
-            of_part[name] = max(of_part[name], row[name])
-    body = []
-    for (board, part), told in sorted(sums.items(), key=lambda item: BOARDS.index(item[0][0])):
-        low, high = wilson(told["wrong"], max(sum(told[name] for name in ENDS), 1))
-        body.append({"board": board, "part": part, **told, "wrong_low": low, "wrong_high": high})
-    store(files["image"], body, list(body[0]))
+    flips = [row for told in flips_in_parts(command, "image") for row in told["image"]]
+    body = summed(flips, "part", "ends", ENDS, ("wrong_s", "speed_m_per_s", "off_s"))
+    store(files["image"], [{**row, **share_of(row, "wrong", ENDS)} for row in body])
 
 
 def campaign_sample(command, files):
@@ -305,15 +330,6 @@ def campaign_sample(command, files):
     told = [row for board in BOARDS for row in said_once(f"sample-{board}", f"{command} --board {board}")["sample_bits"]]
     body = [{**row, **{name: row["counts"].get(name, 0) for name in CLASSES}} for row in told]
     store(files["sample"], body, ["board", "setup", "flips", *CLASSES])
-
-
-def wilson(hits, trials):
-    """Wilson's 95 % interval of a share."""
-    z = 1.96
-    share, whole = hits / trials, 1 + z * z / trials
-    middle = (share + z * z / (2 * trials)) / whole
-    half = z / whole * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
-    return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
 def run_long(name):
@@ -335,13 +351,10 @@ def simulated(command, files):
     """Runs the simulator and stores what it writes."""
     with tempfile.TemporaryDirectory() as folder:
         words = command.removeprefix("cargo sim ").replace("docs/data/", f"{DATA}/")
-        ran = subprocess.run(f"{programs()}/host-sim {words} --json --out {folder}/out", shell=True, stdout=subprocess.PIPE,
-                             text=True, check=False)
-        if ran.returncode:
-            raise SystemExit(ran.returncode)
+        told = json.loads(run(f"{programs()}/host-sim {words} --json --out {folder}/out", shell=True))
         for made, stored in files.items():
             if made == "json":
-                told = {key: value for key, value in json.loads(ran.stdout).items() if key in KEPT}
+                told = {key: value for key, value in told.items() if key in KEPT}
                 (DATA / stored).write_text(json.dumps(told, indent=1) + "\n")
             else:
                 shutil.copy(f"{folder}/out/{made}", DATA / stored)

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from . import block
-from .source import long, programs, rows, significant, table
+from .source import long, programs, rows, significant
 
 # Of hits, by cutoffs, K and B. The walls are spread over the same ranges, so that as many of them are stable.
 SIZES = {10**3: (10, 10, 10), 10**4: (10, 40, 25), 10**5: (10, 100, 100), 10**6: (10, 400, 250)}
@@ -36,20 +36,16 @@ dampings = {spread(dampings, 0, 300)}
             seconds, after = time.monotonic() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
             busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
             size = sum(path.stat().st_size for path in Path(folder, "hits").rglob("*") if path.is_file())
-        body.append({"hits": hits, "cores": len(os.sched_getaffinity(0)), "seconds": f"{seconds:.3f}", "busy_s": f"{busy:.3f}", "bytes": size})
+        body.append({"hits": hits, "cores": len(os.sched_getaffinity(0)), "seconds": f"{seconds:.3f}", "busy_s": f"{busy:.3f}",
+                     "bytes": size})
         print(body[-1], flush=True)
     if seconds > ALLOWED_S:
         raise SystemExit(f"error: {hits} hits took {seconds:.0f} s, {ALLOWED_S} are allowed")
     return body
 
 
-def cost_us(r):
-    """Processor time of a hit."""
-    return 1e6 * float(r["busy_s"]) / float(r["hits"])
-
-
-@block
+@block("hits", "time, s", "processor time of a hit, µs", "bytes of a hit")
 def study_hits():
-    return table(["hits", "time, s", "processor time of a hit, µs", "bytes of a hit"],
-                 [[f"{int(r['hits']):,}", significant(float(r["seconds"]), 2), significant(cost_us(r), 3), significant(float(r["bytes"]) / float(r["hits"]), 3)]
-                  for r in rows("hits.csv")])
+    for r in rows("hits.csv"):
+        hits, seconds, busy_s, size = (float(r[key]) for key in ("hits", "seconds", "busy_s", "bytes"))
+        yield f"{hits:,.0f}", significant(seconds, 2), significant(1e6 * busy_s / hits, 3), significant(size / hits, 3)

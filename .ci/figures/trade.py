@@ -13,74 +13,66 @@ FORMATS = {
 }
 
 
-@block
+@block("format", "form", "cycles", "bytes", "would do, Hz", "misses just below")
 def trade_filters():
-    body, before = [], None
+    before = None
     for one in said_in("trade-paper-1um.json")["filters"]:
-        format_, form, good = one["format"], one["form"], one["would_do_hz"]
-        why = "refused" if one["refused_below"] else ", ".join(one["missed_below"])
-        body.append([FORMATS[format_] if format_ != before else "", FORMS[form], number(one["cycles"]), number(one["ram_bytes"]),
-                     f"{good[0]:g} to {good[1]:g}" if good else "none", why])
-        before = format_
-    return table(["format", "form", "cycles", "bytes", "would do, Hz", "misses just below"], body)
+        good, why = one["would_do_hz"], "refused" if one["refused_below"] else ", ".join(one["missed_below"])
+        yield ("" if one["format"] == before else FORMATS[one["format"]], FORMS[one["form"]],
+               number(one["cycles"]), number(one["ram_bytes"]), f"{good[0]:g} to {good[1]:g}" if good else "none", why)
+        before = one["format"]
 
 
-@block
+@block("filter", "response off by, %", "-3 dB frequency off by, %", "drift in 10^6 samples, counts", "bias at constant speed, mm/s",
+       "left after a stop, mm/s", "area changes by, %")
 def trade_at(cutoff_hz, *variants):
     """What some filters get wrong at one cutoff."""
-    def cell(r, key, scale=1.0):
-        return significant(float(r[key]) * scale, 2) if r[key] else "-"
-    body = []
+    scales = {"response_error": 100, "cutoff_error": 100, "drift_counts": 1, "bias_m_per_s": 1e3, "limit_cycle_m_per_s": 1e3,
+              "area_change": 100}
     for variant in variants:
         format_, form = variant.split("/")
         r = row("trade-filters-paper-1um.csv", format=format_, form=form, cutoff_hz=cutoff_hz)
-        if r["refused"]:
-            body.append([f"{FORMATS[format_]}, {FORMS[form]}", r["refused"], *[""] * 5])
-            continue
-        body.append([f"{FORMATS[format_]}, {FORMS[form]}", cell(r, "response_error", 100), cell(r, "cutoff_error", 100),
-                     cell(r, "drift_counts"), cell(r, "bias_m_per_s", 1e3), cell(r, "limit_cycle_m_per_s", 1e3),
-                     cell(r, "area_change", 100)])
-    return table(["filter", "response off by, %", "-3 dB frequency off by, %", "drift in 10^6 samples, counts",
-                  "bias at constant speed, mm/s", "left after a stop, mm/s", "area changes by, %"], body)
+        cells = (significant(float(r[key]) * scale, 2) if r[key] else "-" for key, scale in scales.items())
+        yield f"{FORMATS[format_]}, {FORMS[form]}", *([r["refused"], "", "", "", "", ""] if r["refused"] else cells)
 
 
 METHODS = {"exact": "exact", "semi-implicit-euler": "semi-implicit Euler", "rk4": "RK4", "dormand-prince": "Dormand-Prince"}
 
 
-@block
+def method_and_setting(r):
+    """In this order: a tolerance falls, steps grow."""
+    return list(METHODS).index(r["method"]), float(r["setting"] or 0) * (-1 if r["method"] == "dormand-prince" else 1)
+
+
+@block("method", "operations per simulated s", "trajectory off by, m", "verdicts that differ", "area changes by")
 def trade_plant(name):
-    body = []
-    for r in sorted(rows(f"trade-plant-{name}.csv"), key=lambda r: (list(METHODS).index(r["method"]) if r["method"] in METHODS else 9,
-                                                                  -float(r["setting"] or 0) if "prince" in r["method"] else float(r["setting"] or 0))):
-        what = METHODS.get(r["method"], r["method"])
-        if r["setting"]:
-            value = float(r["setting"])
-            what += f", tolerance {power(value, 1)}" if "prince" in r["method"] else f", {value:g} step{'s' if value > 1 else ''} per sample"
+    for r in sorted(rows(f"trade-plant-{name}.csv"), key=method_and_setting):
+        what, steps = METHODS[r["method"]], float(r["setting"] or 0)
+        if r["method"] == "dormand-prince":
+            what += f", tolerance {power(steps, 1)}"
+        elif steps:
+            what += f", {steps:g} step{'s' if steps > 1 else ''} per sample"
         if r["refused"]:
-            body.append([what, r["refused"], "", "", ""])
+            yield what, r["refused"], "", "", ""
             continue
-        change = 100 * float(r["area_change"]) if r["area_change"] else None
-        body.append([what, power(float(r["operations_per_s"])) if r["operations_per_s"] else "-",
-                     power(float(r["trajectory_error_m"])) if r["trajectory_error_m"] and float(r["trajectory_error_m"]) else "0",
-                     f"{r['verdicts_wrong']} of {r['verdicts']}", "-" if change is None else "0" if change == 0 else f"{change:+.1f} %"])
+        off_m, change = float(r["trajectory_error_m"] or 0), r["area_change"]
+        yield (what, power(r["operations_per_s"]) if r["operations_per_s"] else "-", power(off_m) if off_m else "0",
+               f"{r['verdicts_wrong']} of {r['verdicts']}",
+               "-" if not change else "0" if float(change) == 0 else f"{100 * float(change):+.1f} %")
     told = said_in(f"trade-{name}.json")["plant"]
-    body.append(["exact, start moved by a quarter of a count", "-", "-", f"{told['verdicts_chaotic']} of {told['verdicts']}",
-                 f"{100 * told['area_chaotic']:.1f} %"])
-    return table(["method", "operations per simulated s", "trajectory off by, m", "verdicts that differ", "area changes by"], body)
+    yield ("exact, start moved by a quarter of a count", "-", "-", f"{told['verdicts_chaotic']} of {told['verdicts']}",
+           f"{100 * told['area_chaotic']:.1f} %")
 
 
-@block
+@block("Q15 on `paper-1um`", "value")
 def trade_q15():
-    told = said_in("trade-paper-1um.json")
-    full_scale = told["q15_full_scale_m_per_s"]
+    full_scale = said_in("trade-paper-1um.json")["q15_full_scale_m_per_s"]
     w = math.pi * 20.0 / 1e4  # paper's equation (2), not pre-warped
     b0 = w * w / (1 + math.sqrt(2) * w + w * w)
-    return table(["Q15 on `paper-1um`", "value"], [
-        ["full scale, m/s", significant(full_scale, 3)],
-        ["speed of impact without damping, and with it, m/s", ", ".join(significant(impact(b), 2) for b in (0.0, 5.5195))],
-        ["LSB of the velocity, um/s", significant(full_scale / 2**15 * 1e6, 2)],
-        ["`b0` at 20 Hz, in LSB of 2^-14, the format of its coefficients", significant(b0 * 2**14, 2)],
-    ])
+    yield "full scale, m/s", significant(full_scale, 3)
+    yield "speed of impact without damping, and with it, m/s", ", ".join(significant(impact(b), 2) for b in (0.0, 5.5195))
+    yield "LSB of the velocity, um/s", significant(full_scale / 2**15 * 1e6, 2)
+    yield "`b0` at 20 Hz, in LSB of 2^-14, the format of its coefficients", significant(b0 * 2**14, 2)
 
 
 def impact(damping):
@@ -92,14 +84,14 @@ def impact(damping):
     return v
 
 
-@block
+@block()
 def extremes_verdicts():
-    body = []
     pairs = rows("docs/figures/fixed-point-limits.csv")
+    body = []
     for name, key in [("the core", "differ_fixed"), ("exact, its velocity rounded to the core's LSB", "differ_rounded_velocity")]:
         worst = max(pairs, key=lambda r: int(r[key]) / int(r["walls"]))
-        body.append([name, f"{100 * int(worst[key]) / int(worst['walls']):.1f} % ({float(worst['resolution_m']) * 1e6:g} um, "
-                     f"{float(worst['cutoff_hz']):g} Hz)", sum(int(r[key]) == 0 for r in pairs)])
+        where = f"{float(worst['resolution_m']) * 1e6:g} um, {float(worst['cutoff_hz']):g} Hz"
+        body.append([name, f"{100 * int(worst[key]) / int(worst['walls']):.1f} % ({where})", sum(int(r[key]) == 0 for r in pairs)])
     few = sum(int(r["walls"]) - int(r["stable"]) < 6 for r in pairs)
     head = ["arithmetic", f"verdicts that differ from exact arithmetic, of {pairs[0]['walls']} walls, at most",
             f"pairs of resolution and cutoff without any, of {len(pairs)}"]
