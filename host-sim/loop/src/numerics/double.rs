@@ -2,8 +2,8 @@
 
 use std::ops::{Add, Mul, Sub};
 
-/// A number as the sum of two floats. The second float is at most half an LSB of the first float. (The crate `twofloat`
-/// has this type too, but would add a second `syn` to every build.)
+/// A number as the sum of two floats. The second float is at most half an LSB of the first float. The crate `twofloat`
+/// has this type too, but it would add a second `syn` to every build.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Double {
     high: f64,

@@ -9,7 +9,7 @@ use zwidth::units::Acceleration;
 use super::Scene;
 use crate::range::within;
 
-/// Corner of the accelerometer's low-pass, Hz.
+/// Corner of the accelerometer's low-pass in Hz.
 const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e6;
 
 /// An accelerometer on the body that carries motor and encoder. It stays on this body if `[mode]` adds a second mass. A

@@ -142,7 +142,7 @@ impl WallHit {
         })
     }
 
-    /// Settling time before the window, and time of the window, s, for this protocol.
+    /// Settling time before the window, and length of the window, in s, for this protocol.
     pub fn times_s(&self) -> [f64; 2] {
         match self.protocol {
             Protocol::Paper | Protocol::Hand => [self.settle_s, self.window_s],
@@ -151,13 +151,13 @@ impl WallHit {
         }
     }
 
-    /// Sets the criterion and the signal of the RMS. A default signal is stored as `None`.
+    /// Sets the criterion, and the signal whose RMS is judged. If the signal is the default, `None` is stored.
     pub fn judge(&mut self, criterion: Criterion, rms_of: Option<RmsOf>) {
         (self.criterion, self.rms_of) = (criterion, None);
         self.rms_of = rms_of.filter(|rms_of| *rms_of != self.rms_of());
     }
 
-    /// With the criterion `quiet`, a hit is `stable` if the RMS of the force is below this limit, N.
+    /// With the criterion `quiet`, a hit is `stable` only if the RMS of the force is below this limit, in N.
     pub fn force_rms_limit_n(&self) -> f64 {
         self.force_rms_limit_n.unwrap_or(quiet::FORCE_SHARE * self.push_n.abs())
     }
@@ -189,9 +189,9 @@ impl RmsOf {
     }
 }
 
-/// Time between two taps, s.
+/// Time between two taps in s.
 pub const TAP_S: f64 = 0.5;
-/// Largest relative error of a hand's push.
+/// Largest change of a hand's push, as a fraction of the push.
 pub const HAND_SWAY: f64 = 0.3;
 
 /// How a wall is tried, beside its criterion.

@@ -4,7 +4,7 @@
 //! |--------|-------|--------|
 //! | [`euler`] semi-implicit | 1 | Hairer, Lubich, Wanner, "Geometric Numerical Integration", 2nd ed., I.1 (symplectic Euler) |
 //! | [`rk4`] classical | 4 | Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., II.1 |
-//! | [`dormand_prince`] 5(4), adaptive | 5 | Dormand, Prince, J. Comp. Appl. Math. 6, 1980; step control: Hairer, Norsett, Wanner, II.4 |
+//! | [`dormand_prince`] 5(4), adaptive | 5 | Dormand, Prince in J. Comp. Appl. Math. 6, 1980; step control: Hairer, Norsett, Wanner, II.4 |
 //!
 //! The methods need smooth rates. At an instant without smooth rates (sticking, stops), the plant starts a new step
 //! ([`crate::plant::IntegratedStep`]).
@@ -82,7 +82,7 @@ impl Integrator {
     /// Checks the values, and that the method is stable on a plant with this `demand`.
     ///
     /// # Errors
-    /// Key, value and allowed range. If the method would be unstable, the message says so.
+    /// One line with key, value and allowed range. If the method would be unstable, the message says so.
     pub fn check(&self, demand: &StepDemand, sample_s: f64) -> Result<(), String> {
         let fastest_per_s = demand.fastest_per_s();
         let (steps, least) = match *self {
