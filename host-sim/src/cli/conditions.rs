@@ -1,4 +1,5 @@
-//! Options that replace conditions of a scene: limit, criterion, pusher, arm on the handle, times of the outputs.
+//! Options that replace conditions of a scene: limit, criterion, who pushes, arm on the handle, and times of the
+//! outputs.
 
 use clap::{Args, builder::ValueParser};
 
@@ -88,7 +89,7 @@ fn one(text: &str) -> Result<Limits, String> {
 }
 
 impl Conditions {
-    /// The conditions for a ranking of estimators or changes. Before this call, the options must be
+    /// The conditions under which estimators or changes are ranked. Before this call, the options must be
     /// [applied](Self::apply) to the scene.
     ///
     /// # Errors
@@ -128,7 +129,7 @@ impl Conditions {
         scene.check().map_err(Error::Input)
     }
 
-    /// The options as text of a command line.
+    /// The options, as text of a command line.
     pub fn as_typed(&self) -> String {
         Typed(String::new())
             .maybe("limit", self.limit.as_ref())

@@ -50,7 +50,7 @@ pub struct ReplayArgs {
     plot: Option<PathBuf>,
 }
 
-/// Cutoff without `--cutoff` and `velocity.cutoff_hz`, Hz.
+/// The cutoff that is used without `--cutoff` and without `velocity.cutoff_hz`, in Hz.
 const CUTOFF_HZ: f64 = 1500.0;
 
 fn ranked(args: &ReplayArgs, reference_hz: f64, common: &Common) -> Result<(), Error> {

@@ -81,7 +81,7 @@ pub struct SweepArgs {
 }
 
 impl SweepArgs {
-    /// The rates of the user's options. `None` without these options.
+    /// The rates that the user's options give. `None` without these options.
     fn rates(&self) -> Option<Rates> {
         let asked = self.encoder_rates.is_some() || self.output_rates.is_some();
         let of = |list: &Option<List>| list.as_ref().map(|list| list.0.clone()).unwrap_or_default();
@@ -195,7 +195,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     print_result(common.json, Json { scenes: summaries }, || tables.join("\n"))
 }
 
-/// The maps of all cutoffs. Also the firmware's contour, at the cutoff with the largest area in the worst draws.
+/// The maps of all cutoffs. Also tries the firmware's contour at the cutoff whose area in the worst draws is largest.
 fn probability(
     how: How<'_>,
     draws: &Draws,
@@ -316,7 +316,7 @@ const HEAD: &str = concat!(
     "         Hz        Hz   N^2 s/m^2                               N/m     N s/m\n",
 );
 
-/// The table for people: the range, then one line per cutoff.
+/// The table for people: first the ideal range, then one line per cutoff.
 fn table(study: &Study, folder: &str) -> String {
     let units = study.scene.scene.units;
     let [area, stiffness, damping] = ["N^2 s/m^2", "N/m", "N s/m"].map(|unit| units.written(unit));

@@ -1,4 +1,4 @@
-//! `trade`: number formats and forms of the velocity filter, and methods to advance the plant.
+//! `trade`: compares number formats and forms of the velocity filter, and methods to advance the plant.
 
 use std::fmt::Write as _;
 
@@ -126,7 +126,7 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// The user's cutoffs: checked, sorted, each once.
+/// The user's cutoffs, after a check. They are sorted, and each is there once.
 fn cutoffs(args: &TradeArgs, scene: &NamedScene) -> Result<Vec<f64>, Error> {
     let rate_hz = scene.scene.control.rate_hz;
     let Some(list::List(asked)) = &args.cutoffs else {
@@ -189,7 +189,7 @@ fn json<'a>(
     }
 }
 
-/// One line per variant: cost, usable cutoffs, and errors at the other cutoffs. A line has at most 120 columns.
+/// One line per variant with cost, usable cutoffs, and errors at the other cutoffs. A line has at most 120 columns.
 fn filter_text(filters: &Filters, good: &[GoodFor], bench: &Bench) -> String {
     let mut text = String::from(
         "velocity filter              cycles host ns  would do, Hz         misses just beyond",
