@@ -141,9 +141,9 @@ impl LimitArgs {
         }))
     }
 
-    /// The question that a sweep asks beside its own walks. Without `--limits`, the limit is one count. Motor and hand
-    /// then push in one walk each, with the scene's steps. The result is `None` if `plain` is set and `--limits` is not
-    /// given.
+    /// The question that a sweep asks in addition to its own walks. Without `--limits`, the limit is one count. Motor
+    /// and hand then push in one walk each, with the scene's steps. The result is `None` if `plain` is set and
+    /// `--limits` is not given.
     pub fn or_default(
         &self,
         scene: &Scene,

@@ -72,7 +72,7 @@ impl Format {
     }
 }
 
-/// What a file needs to know about a table beside its rows.
+/// What a file needs to know about a table in addition to its rows.
 #[derive(Clone, Debug)]
 pub struct About {
     pub kind: Kind,

@@ -101,7 +101,7 @@ pub struct Shared<S: SimdOps, const P: usize> {
     /// Number that is added to a position in counts before it is rounded down. It is 1/2 if the encoder rounds to
     /// nearest, else 0.
     pub bias: S::f64s,
-    /// Whether anything is measured beside the counts.
+    /// Whether anything is measured in addition to the counts.
     pub watches: bool,
     pub stage: OutputStage<S>,
 }

@@ -108,7 +108,8 @@ mod tests {
         }
     }
 
-    /// The count is the floor of the place. Tested at borders, beside borders, at the ends of the range, for NaN, and
+    /// The count is the floor of the place. Tested at and near borders, at the ends of the range, for NaN, and for
+    /// random positions.
     /// for random positions.
     #[test]
     fn a_count_is_the_floor_of_its_place() {

@@ -184,7 +184,7 @@ pub fn unit(key: &str) -> Option<String> {
 /// Description of a key of scenes.
 #[derive(Debug)]
 pub struct Key {
-    /// Table and key, with a dot between them. Inner tables have a dot too.
+    /// Names of the tables and of the key, joined with dots.
     pub path: String,
     /// Unit of the number. `None` for a number without a unit, and for other values.
     pub unit: Option<String>,

@@ -24,7 +24,7 @@ struct Quantity {
     power: i32,
     /// The rotary unit that texts use. Angles are written in degrees.
     unit: &'static str,
-    /// The linear units that texts use. Each has the factor from the SI unit.
+    /// The linear units that texts use. Each has the factor that converts it to the SI unit.
     units: &'static [(&'static str, f64)],
 }
 

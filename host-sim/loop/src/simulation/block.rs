@@ -49,7 +49,8 @@ pub(super) struct Run {
 impl Run {
     pub const NONE: Self = Self { samples: 0, course: Course::NONE, senses: [Senses::NONE; RUN] };
 
-    /// Computes the controller's inputs beside the count. The handle is at these positions at the run's samples.
+    /// Computes the inputs that the controller gets in addition to the count. The handle is at these positions at the
+    /// run's samples.
     #[inline]
     fn sense<S: Sensing>(&mut self, positions_m: &[f64; RUN], sensing: &mut S) {
         let speeds_m_per_s = &self.course.speeds_m_per_s;

@@ -30,7 +30,7 @@ pub struct ControllerOutput {
 pub struct Readings<'a> {
     /// Encoder counts, one per sample.
     pub counts: &'a [i32],
-    /// The inputs beside the counts. The list is empty if the controller needs none.
+    /// The inputs in addition to the counts. The list is empty if the controller needs none.
     pub senses: &'a [Senses],
     /// True speeds in m/s. Only a controller with [`IS_TOLD`](Controller::IS_TOLD) gets them.
     pub speeds_m_per_s: &'a [f64],

@@ -1,4 +1,5 @@
-//! The inputs that a controller can have beside the count (senses): commanded force, acceleration, and edge times.
+//! The inputs (senses) that a controller can have in addition to the count: commanded force, acceleration, and edge
+//! times.
 //!
 //! Few estimators use these inputs. So a run is compiled in two forms: without these inputs ([`Blind`]) and with these
 //! inputs ([`Full`]). The prepared scene selects one form per run. Only the input that the hit's estimator uses is
@@ -25,9 +26,9 @@ pub struct Handle {
     pub speed_m_per_s: f64,
 }
 
-/// Computes the inputs beside the count, from the motion between samples.
+/// Computes the inputs in addition to the count, from the motion between samples.
 pub trait Sensing: Copy {
-    /// Whether there is any input beside the count.
+    /// Whether there is any input in addition to the count.
     fn looks(&self) -> bool;
     fn senses(&self) -> &Senses;
     /// Takes a force that the controller granted, as a fraction of full scale.
@@ -36,7 +37,7 @@ pub trait Sensing: Copy {
     fn moved(&mut self, from: Handle, to: Handle);
 }
 
-/// A scene without inputs beside the count.
+/// The inputs of a controller that gets nothing but the count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Blind;
 
@@ -76,7 +77,7 @@ impl Sensing for Blind {
 /// ([`Scene::feeds`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Full {
-    /// The input that the estimator uses beside the counts. `None` if the estimator uses only counts.
+    /// The input that the estimator uses in addition to the counts. `None` if the estimator uses only counts.
     looks_at: Option<Sense>,
     encoder: Quantiser,
     /// Factor from m/s to counts per sample.

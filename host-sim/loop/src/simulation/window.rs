@@ -1,4 +1,4 @@
-//! The measures of a hit's window, beside the RMS of its counts. Decides the verdict from all measures.
+//! The measures of a hit's window, in addition to the RMS of its counts. All measures together decide the verdict.
 //!
 //! | quantity | meaning, over the samples of the window |
 //! |----------|------------------------------|

@@ -76,7 +76,7 @@ pub struct IdentifyArgs {
     plot: Option<PathBuf>,
 }
 
-/// The terms that are fitted beside mass, damping and spring.
+/// The terms that can be fitted in addition to mass, damping and spring.
 #[derive(Debug, Args)]
 struct TermArgs {
     /// `auto`: the terms that tests find in the record; `none`: only mass, damping and spring.

@@ -17,7 +17,7 @@ const LEFT: f64 = 64.0;
 const TOP: f64 = 58.0;
 const BOTTOM: f64 = HEIGHT - 50.0;
 const MOST_TICKS: usize = 9;
-/// The axis ends at this factor of the highest peak. The space above the peak is for the halo of the ideal curve.
+/// The axis reaches at least this factor of the highest peak. The space above the peak is for the halo of the ideal curve.
 const HEADROOM: f64 = 1.02;
 /// From this stiffness on, the axis is in kN/m.
 const KILO_FROM_N_PER_M: f64 = 2e3;

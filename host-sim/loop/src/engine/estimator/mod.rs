@@ -75,7 +75,7 @@ impl Form {
     }
 }
 
-/// Inputs of an estimator beside the counts. All hits of a scene have the same inputs.
+/// The inputs that an estimator gets in addition to the counts. All hits of a scene have the same inputs.
 #[derive(Clone, Copy)]
 pub struct Beside<'a> {
     /// Number of samples between the grant of a force and the sample at which the estimator gets this force.

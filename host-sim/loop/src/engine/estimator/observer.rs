@@ -35,7 +35,7 @@ struct Observed<S: SimdOps> {
     seen: S::u64s,
 }
 
-/// Observer with force input. The granted force divided by the mass is the known part of the acceleration.
+/// Observer with force input. The granted force determines the known part of the acceleration.
 pub struct Observer<S: SimdOps> {
     observed: Observed<S>,
     granted: S::u64s,

@@ -1,5 +1,5 @@
-//! What lanes measure beside the counts: motion, and outputs at the actuator's limit. The operations have the same
-//! order as in [`Watch`](crate::simulation::window::Watch).
+//! What lanes measure in addition to the counts: motion, and outputs at the actuator's limit. The operations have the
+//! same order as in [`Watch`](crate::simulation::window::Watch).
 
 use super::{Aligned, Chunk, Row, each_field};
 use crate::{

@@ -21,7 +21,7 @@
 //! -1. More stiffness or damping needs shorter steps. Nothing acts back on the amplifier, so the amplifier
 //! only needs `h pole < 2`.
 //!
-//! Source: Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001, section 3 defines the
+//! Source: Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001, section 3. It defines the
 //! numbers m, d, k of a motion. The rest is derived above.
 
 use nalgebra::SMatrix;

@@ -26,9 +26,9 @@ use crate::{
     scene::element::{Chain, Cogging, Friction, Nonlinear, Travel},
 };
 
-/// Largest number of regime changes in one piece of a sample whose instants are located. After this number, a regime
-/// change takes effect at the end of its step, and the speed is set to 0 when the device reaches an end. So a piece
-/// with infinitely many bounces is computed in finite time.
+/// Largest number of regime changes that are located in one piece of a sample. After this number, a regime change takes
+/// effect at the end of its step, and the speed is set to 0 when the device reaches an end. So a piece with infinitely
+/// many bounces is computed in finite time.
 const EVENTS_MAX: u32 = 200;
 /// Shortest adaptive step, as a fraction of the sample.
 const SHORTEST: f64 = 1e-6;

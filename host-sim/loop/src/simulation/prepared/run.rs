@@ -172,7 +172,7 @@ impl PreparedScene {
     }
 
     /// Runs a whole hit. The type of the plant is selected here, once per run and outside the loop. Few scenes have
-    /// inputs beside the count. The hits of these scenes share one loop for all plants.
+    /// inputs in addition to the count. The hits of these scenes share one loop for all plants.
     fn whole_hit<C: Controller + Copy>(
         &self,
         hit: &WallHit,

@@ -27,12 +27,12 @@ use super::{
 };
 
 const LEFT: f64 = 56.0;
-/// Top of the plot. Above it is space for one row of numbers.
+/// Top of the plot, if only one row of numbers is above it.
 const TOP: f64 = 112.0;
 const RIGHT: f64 = WIDTH - MARGIN - 8.0;
 const PLOT_HEIGHT: f64 = 220.0;
 const MOST_TICKS: usize = 7;
-/// The axis ends at this factor of the largest value, so that the mark of the largest area is inside the frame.
+/// The axis reaches at least this factor of the largest value, so that the mark of the largest area is inside the frame.
 const HEADROOM: f64 = 1.03;
 
 const KEY_MIDDLE: f64 = 60.0;
