@@ -30,7 +30,7 @@ pub struct Predicted {
     pub quiet: Vec<[f64; 2]>,
     /// Area under the quiet boundary, N^2 s/m^2.
     pub quiet_area: f64,
-    /// B, lowest K and highest K of each row of the board's envelope.
+    /// The rows of the board's envelope. Each row is B, lowest K and highest K.
     pub envelope: Vec<[f64; 3]>,
     /// Delay of the estimated velocity at constant acceleration, in s.
     pub delay_s: Option<f64>,

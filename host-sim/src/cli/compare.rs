@@ -35,7 +35,8 @@ use crate::{
     },
 };
 
-/// Compares velocity estimators, each tuned by the same search: Z-width, delay, noise, roughness, fidelity, cost.
+/// Compares velocity estimators by Z-width, delay, noise, roughness, fidelity and cost. The same search tunes each
+/// estimator.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
     /// Built-in scene or scene file. The scene's estimator is not used.

@@ -21,10 +21,10 @@ use crate::{
 /// How a wall is tried, and when it counts as stable.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Judged {
-    /// Signal of the RMS, instead of the scene's. The RMS of counts cannot resolve limits near one count.
+    /// Signal whose RMS is judged, if not the scene's. The RMS of counts cannot resolve limits near one count.
     #[arg(long, value_parser = rms_ofs())]
     rms_of: Option<RmsOf>,
-    /// Criterion for a stable wall, instead of the scene's.
+    /// Criterion for a stable wall, if not the scene's.
     #[arg(long, value_parser = criteria())]
     criterion: Option<Criterion>,
     /// How a wall is tried, instead of the scene's way. `paper`: a constant push. `press`: the last 2 s of a constant
@@ -56,7 +56,7 @@ pub struct Conditions {
     /// Limit instead of the scene's: an RMS in m, or `felt` for wall_hit.felt_limit_db.
     #[arg(long, value_name = "LIMIT", value_parser = one, conflicts_with = "criterion")]
     limit: Option<Limits>,
-    /// Signal of the RMS, instead of the scene's. The RMS of counts cannot resolve limits near one count.
+    /// Signal whose RMS is judged, if not the scene's. The RMS of counts cannot resolve limits near one count.
     #[arg(long, value_parser = rms_ofs())]
     rms_of: Option<RmsOf>,
     /// Criterion for a stable wall. `quiet` has its own grid of K and B, and also gives the area by the scene's own

@@ -62,7 +62,7 @@ pub struct DesignArgs {
     /// level [default: quiet; with --rms-of or --unsaturated the scene's].
     #[arg(long, value_name = "LIST", value_parser = parse)]
     limits: Option<Limits>,
-    /// Signal of the RMS, instead of the scene's. The RMS of counts cannot resolve limits near one count.
+    /// Signal whose RMS is judged, if not the scene's. The RMS of counts cannot resolve limits near one count.
     #[arg(long, value_parser = rms_ofs())]
     rms_of: Option<RmsOf>,
     /// A wall counts as stable only if no output of the window is at the actuator's limit.

@@ -42,7 +42,7 @@ pub struct GridArgs {
     at: AtCutoffs,
     #[command(flatten)]
     judged: Judged,
-    /// Stiffnesses K of the wall, N/m: A,B,C or FROM:STEP:TO.
+    /// Stiffnesses K of the wall in N/m: A,B,C or FROM:STEP:TO.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     stiffnesses: List,
     #[command(flatten)]

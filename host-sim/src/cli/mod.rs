@@ -159,8 +159,7 @@ impl Command {
         matches!(self, Sweep(_) | Compare(_) | Design(_) | Explain(_) | Passivity(_) | Trade(_))
     }
 
-    /// For a command without a result folder: the command's name, and the options that name its files. Otherwise
-    /// `None`.
+    /// Name of the command, and the options that name its files. `None` for a command with a result folder.
     fn named_outputs(&self) -> Option<[&'static str; 2]> {
         Some(match self {
             Self::Hit(_) => ["hit", "--trace and --plot"],

@@ -40,7 +40,7 @@ pub struct PassivityArgs {
     /// Limits of the RMS of the motion in m, and `felt` for wall_hit.felt_limit_db.
     #[arg(long, value_name = "LIST", value_parser = parse, default_value = LIMITS)]
     limits: Limits,
-    /// Largest acceleration of the handle, m/s^2 [default: the scene's, else twice full scale divided by the mass].
+    /// Largest acceleration of the handle in m/s^2 [default: the scene's, else twice full scale divided by the mass].
     #[arg(long, value_name = "M_PER_S2", allow_negative_numbers = true)]
     acceleration: Option<f64>,
     /// Steps of K and B of the walks, in the scene's units. Walks start at one step [default: the scene's walk].

@@ -45,7 +45,7 @@ const LISTS: Names =
 pub struct AtCutoff {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoff of the velocity filter, Hz [default: `velocity.cutoff_hz` of the scene]. Not for estimators
+    /// Nominal cutoff of the velocity filter in Hz [default: `velocity.cutoff_hz` of the scene]. Not for estimators
     /// without a cutoff.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     cutoff: Option<f64>,
@@ -96,11 +96,11 @@ impl<'a> Subject<'a> {
 pub struct AtCutoffs {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO [default: `velocity.cutoff_hz` of the scene]. Not for estimators
+    /// Nominal cutoffs in Hz: A,B,C or FROM:STEP:TO [default: `velocity.cutoff_hz` of the scene]. Not for estimators
     /// without a cutoff.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     cutoffs: Option<List>,
-    /// Dampings B of the wall, N s/m (for a rotary scene N m s/rad): A,B,C or FROM:STEP:TO.
+    /// Dampings B of the wall in N s/m (for a rotary scene in N m s/rad): A,B,C or FROM:STEP:TO.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     dampings: List,
 }

@@ -48,7 +48,7 @@ use crate::{
 pub struct SweepArgs {
     /// Built-in scenes or scene files [default: both paper scenes].
     scenes: Vec<String>,
-    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO [default: the scene's].
+    /// Nominal cutoffs in Hz: A,B,C or FROM:STEP:TO [default: the scene's].
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     cutoffs: Option<List>,
     /// Walks per cutoff, with starts spread over one count.
@@ -63,11 +63,12 @@ pub struct SweepArgs {
     /// limit.
     #[arg(long, conflicts_with = "plain")]
     levers: bool,
-    /// Run the same device with these encoder rates, Hz, each with every output rate that divides the encoder rate. The
-    /// latency in seconds stays the same. Limits: as with --levers [default with --output-rates: the scene's own rate].
+    /// Run the same device with these encoder rates in Hz, each with every output rate that divides the encoder rate.
+    /// The latency in seconds stays the same. The limits are those of --levers [default with --output-rates: the
+    /// scene's own rate].
     #[arg(long, value_name = "LIST", value_parser = list::parse, conflicts_with = "plain", allow_hyphen_values = true)]
     encoder_rates: Option<List>,
-    /// Run the same device with these output rates, Hz [default with --encoder-rates: the scene's own rate].
+    /// Run the same device with these output rates in Hz [default with --encoder-rates: the scene's own rate].
     #[arg(long, value_name = "LIST", value_parser = list::parse, conflicts_with = "plain", allow_hyphen_values = true)]
     output_rates: Option<List>,
     #[command(flatten)]

@@ -31,12 +31,13 @@ use lab_trade::{
     table::{self, GoodFor},
 };
 
-/// Measures speed against accuracy: number formats and forms of the velocity filter, and methods to advance the plant.
+/// Measures how fast and how accurate different velocity filters and plant methods are. The filters differ in number
+/// format and form. The methods advance the plant by a sample.
 #[derive(Debug, Args)]
 pub struct TradeArgs {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoffs of the filters, Hz, A,B,C or FROM:STEP:TO [default: 0.1 Hz to 0.45 of the rate].
+    /// Nominal cutoffs of the filters in Hz, A,B,C or FROM:STEP:TO [default: 0.1 Hz to 0.45 of the rate].
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_negative_numbers = true)]
     cutoffs: Option<list::List>,
     /// Walks for each filter and cutoff, with starts spread over one count.

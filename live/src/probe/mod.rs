@@ -35,7 +35,7 @@ pub struct Options {
     /// The chip by probe-rs' name [default: the board's].
     #[arg(long, value_name = "NAME", requires = "probe")]
     chip: Option<String>,
-    /// Clock of the probe's wires, kHz [default: the probe's].
+    /// Clock of the probe's wires in kHz [default: the probe's].
     #[arg(long, value_name = "KHZ", requires = "probe", value_parser = clap::value_parser!(u32).range(1..))]
     speed: Option<u32>,
     /// Confirms that the wired stop is open or the board is disarmed, so that no question is asked.

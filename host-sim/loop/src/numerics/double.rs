@@ -37,7 +37,7 @@ fn quick_sum(a: f64, b: f64) -> Double {
     Double { high, low: b - (high - a) }
 }
 
-/// A product and its rounding error, from halves of 26 bits (Dekker, Numer. Math. 18, 1971).
+/// A product and its rounding error. Both are computed from halves of 26 bits (Dekker, Numer. Math. 18, 1971).
 #[inline]
 fn two_product(a: f64, b: f64) -> Double {
     const HALVES: f64 = 134_217_729.0; // 2^27 + 1

@@ -110,7 +110,6 @@ mod tests {
 
     /// The count is the floor of the place. Tested at and near borders, at the ends of the range, for NaN, and for
     /// random positions.
-    /// for random positions.
     #[test]
     fn a_count_is_the_floor_of_its_place() {
         let numbers = (0..).map(|n| random::uniform_with_zero(20_261_126, n));

@@ -33,7 +33,7 @@ pub struct Block {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// Index in the block of the sample with this output.
+    /// The output belongs to the sample with this index in the block.
     pub place: usize,
     pub rendered: ControllerOutput,
 }

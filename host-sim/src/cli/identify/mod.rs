@@ -59,7 +59,7 @@ pub struct IdentifyArgs {
     /// this table the travel is searched].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     encoder_cycle: Option<f64>,
-    /// Size of a count, m or rad; 0 for a sensor without counts [default: the base scene's].
+    /// Size of a count in m or rad, or 0 for a sensor without counts [default: the base scene's].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     resolution: Option<f64>,
     /// Use the records from this time stamp on, in s.
@@ -150,7 +150,7 @@ struct GainArgs {
     /// r_c in gain = k_t k_amp / r_c, in m.
     #[arg(long, value_name = "M", allow_negative_numbers = true, requires = "torque_constant")]
     drum_radius: Option<f64>,
-    /// Mass of a weight that the motor holds, kg: gain = mass 9.80665 m/s^2 / voltage.
+    /// Mass of a weight that the motor holds, in kg: gain = mass 9.80665 m/s^2 / voltage.
     #[arg(
         long,
         value_name = "KG",

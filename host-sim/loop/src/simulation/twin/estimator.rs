@@ -32,7 +32,7 @@ struct Memory {
     outputs: [f64; 2],
 }
 
-/// State of all other estimators.
+/// State of the estimators that are not a [`Section`].
 #[derive(Clone, Copy, Debug)]
 struct Rest {
     /// Last differences, newest first.
@@ -75,7 +75,7 @@ impl Section {
 }
 
 impl TwinEstimator {
-    /// The estimator as a section, the form of all common estimators. `None` for other estimators.
+    /// The estimator as a [`Section`], the form of the common estimators. `None` for all other estimators.
     pub(crate) fn low_pass(&self) -> Option<Section> {
         self.low_pass
     }

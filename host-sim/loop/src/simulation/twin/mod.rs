@@ -96,7 +96,7 @@ impl Twin {
 }
 
 impl Twin {
-    /// The estimator as a section, the form of all common estimators. `None` for other estimators.
+    /// The estimator as a [`Section`], the form of the common estimators. `None` for all other estimators.
     pub(crate) fn low_pass(&self) -> Option<Section> {
         self.estimator.low_pass()
     }
