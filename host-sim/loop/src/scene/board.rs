@@ -68,7 +68,7 @@ pub struct SafetyTable {
     pub sign_test_force: Option<f64>,
     /// Counts that the sign test must detect. Absent: 22 % of the free handle's motion.
     pub sign_test_counts: Option<u32>,
-    /// Mass of the heaviest handle, with hand and arm, for a push. Absent: 20 times the device's mass.
+    /// Mass of the heaviest handle for a push, including hand and arm. Absent: 20 times the device's mass.
     pub heaviest_mass_kg: Option<f64>,
     /// Damping of the heaviest handle. Absent: 20 times the device's damping, and at least the heaviest mass divided by
     /// 0.1 s.

@@ -52,9 +52,9 @@ pub struct Actuator {
     pub gain_n_per_v: f64,
     /// Largest magnitude of a command.
     pub limit_v: f64,
-    /// Samples from output to output. The boards have 1, 2, 5 and 10.
+    /// Number of samples from one output to the next. The boards have 1, 2, 5 and 10.
     pub period: u32,
-    /// Samples from the encoder reading to the force on the handle; may be a fraction.
+    /// Number of samples from the encoder reading to the force on the handle. It may be a fraction.
     pub latency: f64,
     /// When an observer with force input gets a force. `true`: when the force acts, to the nearest sample; latency up
     /// to 64 samples. `false`: when safety grants the force, as on the boards. Absent: `false`.
@@ -100,7 +100,7 @@ pub struct Wall {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WallHit {
-    /// Constant push into the wall. If the motor pushes, at most full scale; with `quiet`, at most full scale / 1.03.
+    /// Constant push into the wall. It is at most full scale if the motor pushes; with `quiet`, at most full scale / 1.03.
     pub push_n: f64,
     /// Who pushes the handle into the wall. Absent: `motor`.
     #[serde(default, skip_serializing_if = "PushBy::is_motor")]
@@ -115,7 +115,7 @@ pub struct WallHit {
     pub window_s: f64,
     /// With `rms`, a wall is stable if the RMS is below this limit; 0.001 to 65535 counts.
     pub rms_limit_m: f64,
-    /// Signal of the RMS. Absent: `motion` with the criterion `quiet`, else `counts`.
+    /// Signal whose RMS is judged. Absent: `motion` with the criterion `quiet`, else `counts`.
     pub rms_of: Option<RmsOf>,
     /// When a wall counts as stable. Absent: `rms`.
     #[serde(default, skip_serializing_if = "Criterion::is_rms")]

@@ -33,15 +33,15 @@ pub trait Field<const N: usize> {
 pub enum Integrator {
     /// Speeds are computed first, then positions from the new speeds. All steps are of equal length.
     SemiImplicitEuler {
-        /// Steps in a sample; fewer than stability needs are refused.
+        /// Number of steps in a sample. Fewer steps than stability needs are refused.
         steps_per_sample: u32,
     },
     /// Classical Runge-Kutta of order 4. All steps are of equal length.
     Rk4 {
-        /// Steps in a sample; fewer than stability needs are refused.
+        /// Number of steps in a sample. Fewer steps than stability needs are refused.
         steps_per_sample: u32,
     },
-    /// Adaptive: the error of a step is kept below `relative |z| + absolute`.
+    /// Adaptive steps: the error of a step is kept below `relative |z| + absolute`.
     DormandPrince {
         /// Largest error of a step, as a fraction of the state.
         relative_tolerance: f64,

@@ -25,7 +25,7 @@ pub struct Friction {
     pub coulomb_n: f64,
     /// Largest friction at rest; at least `coulomb_n`.
     pub static_n: f64,
-    /// Width of the fall from static to Coulomb friction, in speed.
+    /// Speed at which friction has fallen by 63 % of the way from static to Coulomb friction.
     pub stribeck_speed_m_per_s: f64,
 }
 

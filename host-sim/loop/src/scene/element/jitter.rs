@@ -21,7 +21,7 @@ const STREAM: u64 = 0x6a69_7474_6572;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Jitter {
-    /// Largest delay of a reading, at most the latency, and below a sample. Delays are uniform over 257 values.
+    /// Largest delay of a reading, at most the latency and below a sample. The delays are uniform over 257 values.
     pub peak_s: f64,
     /// Seed of the random numbers.
     pub seed: u32,
