@@ -28,7 +28,7 @@ pub enum FromPage {
     Predict(Question),
 }
 
-/// The estimator whose predicted boundary a page wants.
+/// A page asks for the boundary that is predicted for this estimator.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Question {
     pub estimator: String,

@@ -28,8 +28,8 @@ pub struct ReplayArgs {
     /// Estimator [default: the scene's].
     #[arg(long, value_name = "NAME")]
     estimator: Option<String>,
-    /// Nominal cutoff in Hz [default: `velocity.cutoff_hz` of the scene, else 1500]. Other parameters are the scene's, or
-    /// defaults.
+    /// Nominal cutoff in Hz [default: `velocity.cutoff_hz` of the scene, else 1500]. Other parameters are the scene's,
+    /// or defaults.
     #[arg(long, value_name = "HZ")]
     cutoff: Option<f64>,
     /// The scene of the board.

@@ -100,7 +100,7 @@ pub struct Wall {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WallHit {
-    /// Constant push into the wall. It is at most full scale if the motor pushes; with `quiet`, at most full scale / 1.03.
+    /// Constant push into the wall. It is at most full scale if the motor pushes; with `quiet` at most full scale / 1.03.
     pub push_n: f64,
     /// Who pushes the handle into the wall. Absent: `motor`.
     #[serde(default, skip_serializing_if = "PushBy::is_motor")]
@@ -236,7 +236,7 @@ impl Protocol {
     }
 }
 
-/// Condition for a stable wall that was touched.
+/// When a wall that the handle has touched counts as stable.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Criterion {

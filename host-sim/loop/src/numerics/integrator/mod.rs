@@ -4,7 +4,7 @@
 //! |--------|-------|--------|
 //! | [`euler`] semi-implicit | 1 | Hairer, Lubich, Wanner, "Geometric Numerical Integration", 2nd ed., I.1 (symplectic Euler) |
 //! | [`rk4`] classical | 4 | Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., II.1 |
-//! | [`dormand_prince`] 5(4), adaptive | 5 | Dormand, Prince in J. Comp. Appl. Math. 6, 1980; step control: Hairer, Norsett, Wanner, II.4 |
+//! | [`dormand_prince`] 5(4), adaptive | 5 | Dormand, Prince, J. Comp. Appl. Math. 6, 1980; step control: Hairer, Norsett, Wanner, II.4 |
 //!
 //! The methods need smooth rates. At an instant without smooth rates (sticking, stops), the plant starts a new step
 //! ([`crate::plant::IntegratedStep`]).
