@@ -1,10 +1,10 @@
-//! Access rules: only this server's own page gets answers, and only on this machine.
+//! The access rules: only this server's own page gets answers, and only on this machine.
 
-/// Longest message from a page, bytes.
+/// Length of the longest message that a page may send, in bytes.
 pub const MESSAGE_MAX: usize = 4096;
-/// Largest number of open pages.
+/// Largest number of pages that may be open.
 pub const PAGES_MAX: usize = 16;
-/// Largest number of messages from a page per second: a mouse sends 125.
+/// Largest number of messages that a page may send per second. A mouse sends 125.
 pub const MESSAGES_PER_S: u32 = 400;
 
 /// The secret token of this run, and the server's port.
@@ -25,8 +25,8 @@ impl Access {
         format!("http://127.0.0.1:{}/?token={}", self.port, self.token)
     }
 
-    /// Whether the request's host name is a name of this machine. So a page under a foreign name cannot use this
-    /// server.
+    /// Whether the request's host name is a name of this machine. Without this check, a page under a foreign name could
+    /// use this server.
     pub fn is_our_host(&self, host: Option<&str>) -> bool {
         let ours = |name: &str| host == Some(format!("{name}:{}", self.port).as_str());
         ours("127.0.0.1") || ours("localhost")
@@ -38,7 +38,8 @@ impl Access {
         self.is_our_host(origin.and_then(|origin| origin.strip_prefix("http://")))
     }
 
-    /// Compares the token in the same time for every token.
+    /// Compares the token. The comparison takes the same time for every token, so the time says nothing about the
+    /// token.
     pub fn is_our_token(&self, token: Option<&str>) -> bool {
         let token = token.unwrap_or_default().as_bytes();
         let differs = self.token.bytes().enumerate().fold(0, |differs, (n, byte)| {

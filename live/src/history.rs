@@ -1,16 +1,16 @@
-//! Every sample of the last minutes, with the smallest and largest values of bins of 8, 64 and 512 samples. The bins
-//! make plots of long times fast.
+//! Stores every sample of the last minutes. Bins of 8, 64 and 512 samples store the smallest and largest values, so
+//! that plots of long times are fast.
 
 /// Number of rows that are stored: two minutes at 10 kHz.
 pub const KEPT: usize = 1_200_000;
-/// Rows per bin, for each level of bins.
+/// Number of rows in a bin, for each level of bins.
 const LEVELS: [usize; 4] = [1, 8, 64, 512];
 pub const SIGNALS: usize = 3;
 
 /// One sample: position, velocity and force as the integers of the control loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Row {
-    /// Position, counts; velocity, 2^-16 counts per sample; force, 2^-30 of full scale.
+    /// Position in counts, velocity in 2^-16 counts per sample, and force in 2^-30 of full scale.
     pub values: [i32; SIGNALS],
     /// Flags of the telemetry record.
     pub flags: u16,
@@ -21,7 +21,7 @@ pub struct Row {
 pub struct Bin {
     /// Smallest and largest value of each signal. In an empty bin the smallest value is above the largest.
     pub ends: [[i32; 2]; SIGNALS],
-    /// Flags that any row of the bin has.
+    /// The flags that are set in any row of the bin.
     pub flags: u16,
 }
 
@@ -45,12 +45,13 @@ impl Bin {
     }
 }
 
-/// The rows by number. The number of a row is the number of its sample, divided by [`step`](Self::step).
+/// The rows of the last minutes, by number. The number of a row is the number of its sample, divided by
+/// [`step`](Self::step).
 #[derive(Debug)]
 pub struct History {
-    /// Samples from one row to the next.
+    /// Number of samples from one row to the next.
     step: u64,
-    /// Number after the newest row.
+    /// Number of the row that comes after the newest row.
     end: u64,
     /// Number of the oldest row.
     begin: u64,
@@ -74,13 +75,13 @@ impl History {
         self.step
     }
 
-    /// Numbers of the oldest row, and of the row after the newest.
+    /// Number of the oldest row, and number of the row that comes after the newest.
     pub fn rows(&self) -> [u64; 2] {
         [self.begin, self.end]
     }
 
     /// Adds the row of a sample. Missing rows before this row become gaps. If the sample number is smaller than the
-    /// previous number, the board was reset, and the history is cleared.
+    /// previous number, the board was reset, so the history is cleared.
     pub fn push(&mut self, sample: u64, row: &Row) {
         let number = sample / self.step;
         if number < self.end || number - self.end > KEPT as u64 {
@@ -110,7 +111,8 @@ impl History {
         self.begin = self.begin.max(self.end.saturating_sub((KEPT - LEVELS[3]) as u64));
     }
 
-    /// Bins of `stride` rows from `first` on. `stride` is a power of two, and `first` is a multiple of `stride`.
+    /// Bins of `stride` rows each, beginning with row `first`. `stride` is a power of two, and `first` is a multiple of
+    /// `stride`.
     pub fn bins(&self, first: u64, stride: u64, count: usize) -> Vec<Bin> {
         let level = LEVELS.iter().rposition(|&rows| rows as u64 <= stride).unwrap_or(0);
         let rows = LEVELS[level] as u64;
@@ -135,7 +137,7 @@ impl History {
             .then(|| Row { values: bin.ends.map(|[value, _]| value), flags: bin.flags })
     }
 
-    /// Smallest number of rows per bin, a power of two, with which `rows` rows fit into `columns` bins.
+    /// The smallest number of rows per bin with which `rows` rows fit into `columns` bins. It is a power of two.
     pub fn stride(rows: u64, columns: u64) -> u64 {
         rows.div_ceil(columns.max(1)).max(1).next_power_of_two()
     }
@@ -157,8 +159,8 @@ mod tests {
         Row { values: [value, -value, value / 3], flags: 1 << (n % 5) }
     }
 
-    /// Bins have the extremes of their rows: at every stride, at both ends of the history, and after the memory has
-    /// wrapped.
+    /// Bins have the smallest and largest values of their rows. Tested at every stride, at both ends of the history,
+    /// and after old rows have been replaced.
     #[test]
     fn bins_are_the_ends_of_their_rows() {
         let mut history = History::default();
@@ -200,7 +202,7 @@ mod tests {
         history.push(20, &row(20));
         assert_eq!((history.rows(), history.step()), ([2, 3], 10));
         assert_eq!(history.row(0), None);
-        // A jump by more than the whole history leaves no old row.
+        // after a jump by more than the whole history, no old row is left
         history.push(10 * (KEPT as u64 + 100), &row(7));
         assert_eq!(history.rows()[1] - history.rows()[0], 1);
     }

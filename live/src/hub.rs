@@ -29,35 +29,37 @@ mod tests;
 
 pub use known::{From, Known, Line, Stopped};
 
-/// Time between two turns.
+/// Time between two calls of [`Talk::turn`].
 const LOOK: Duration = Duration::from_millis(1);
-/// Longest wait for a reply. `SAVED` is for the reply to `save`, which erases flash.
+/// Longest time to wait for a reply. `SAVED` is for the reply to `save`, because that command erases flash.
 const REPLY: Duration = Duration::from_millis(500);
 const SAVED: Duration = Duration::from_secs(3);
-/// Time after which the board switches off without `alive`, ms. `WORD` is the time between two `alive` commands.
+/// If the board gets no `alive` for this time, it switches the force off. In ms. `WORD` is the time between two `alive`
+/// commands.
 const PROMISE_MS: u32 = 200;
 const WORD: Duration = Duration::from_millis(50);
-/// Time between two `status` commands.
+/// Time between two `status` commands to the board.
 const STATUS: Duration = Duration::from_millis(500);
 /// Largest number of waiting commands.
 const WAITING: usize = 64;
-/// Ends an incomplete line, so that the line is no valid command.
+/// Sent to end an incomplete line. With this text, the line is not a valid command.
 const NO_COMMAND: &[u8] = b"?\n";
-/// A command with an unknown estimator, and the beginning of its error reply. The reply lists the image's estimators.
+/// A command that names an unknown estimator, and the beginning of the error reply. This reply lists the estimators of
+/// the image.
 const ESTIMATORS: [&str; 2] = ["estimator ?", "error: unknown estimator, allowed "];
-/// The first commands to a board. These commands are repeated after a reset of the board.
+/// The first commands that a board gets. They are sent again after the board was reset.
 const GREETING: [&str; 4] = ["version", ESTIMATORS[0], "get", "status"];
-/// A person's finger: a light grip, and the finger's largest force.
+/// How a person's finger holds the handle: with a light grip, and with at most this force.
 const FINGER: Finger =
     Finger { target_m: 0.0, stiffness_n_per_m: 400.0, damping_n_s_per_m: 3.0, limit_n: 12.0 };
 
-/// Access to the virtual board behind the link, if the board is virtual.
+/// Access to the virtual board behind the link. `None` if the board is real.
 pub type Virtual = Option<Arc<Wires>>;
 
-/// A receiver of the telemetry's bytes.
+/// A function that receives the telemetry's bytes.
 pub type Tape = Box<dyn FnMut(&[u8]) -> Result<(), String> + Send>;
 
-/// A clock: returns the time since its start.
+/// A clock. It returns the time since its start.
 pub type Clock = Box<dyn Fn() -> Duration + Send + Sync>;
 
 /// The state that pages and the communication with the board share.
@@ -65,7 +67,7 @@ pub struct Hub {
     history: Mutex<History>,
     known: Mutex<Known>,
     asked: Mutex<Asked>,
-    /// Time until which `alive` may be sent to the board.
+    /// `alive` may be sent to the board until this time.
     attended: Mutex<Duration>,
     ended: AtomicBool,
     board: Virtual,
@@ -76,7 +78,7 @@ pub struct Hub {
 struct Asked {
     lines: VecDeque<String>,
     stops: Vec<(u64, Duration)>,
-    /// Number of stops so far.
+    /// Number of stops so far. Each [`Hub::stop`] counts.
     stopped: u64,
 }
 
@@ -86,8 +88,8 @@ pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Hub {
-    /// Starts the communication with a board in a new thread. `elf`: the program, needed to read the board's log.
-    /// `record`: an additional receiver of the telemetry.
+    /// Starts the communication with a board in a new thread. `elf` is the program, which is needed to read the board's
+    /// log. `record` also receives the telemetry.
     pub fn start(
         link: Box<dyn Link>,
         board: Virtual,
@@ -101,7 +103,7 @@ impl Hub {
         (hub, thread)
     }
 
-    /// A hub without a thread: each [`Talk::turn`] sends and receives.
+    /// A hub without a thread. The caller must call [`Talk::turn`], which sends and receives.
     pub fn new(
         link: Box<dyn Link>,
         board: Virtual,
@@ -160,7 +162,7 @@ impl Hub {
         lock(&self.history)
     }
 
-    /// Queues a line for the console. `stopped`: the number of [stops](Self::stopped) that the sender of the line
+    /// Queues a line for the console. `stopped` is the number of [stops](Self::stopped) that the sender of the line
     /// knows.
     ///
     /// # Errors
@@ -196,15 +198,16 @@ impl Hub {
         lock(&self.asked).stopped
     }
 
-    /// Sets the finger at a virtual board's handle. `target_m` is a position of the board.
+    /// Moves the finger that holds a virtual board's handle. `target_m` is a position as the board measures it. With
+    /// `None` the finger lets go.
     pub fn touch(&self, target_m: Option<f64>, resolution_m: f64) {
         let Some(board) = &self.board else { return };
         let offset_m = self.offset_m(resolution_m);
         board.touch(target_m.map(|target_m| Finger { target_m: target_m + offset_m, ..FINGER }));
     }
 
-    /// Says that the owner's page is open until this time. If no later time follows, because the page has closed or the
-    /// server hangs, the force goes off.
+    /// Says that the owner's page is open until this time. If the page closes or the server hangs, no later time
+    /// follows. Then the force goes off.
     pub fn attend(&self, until: Duration) {
         *lock(&self.attended) = until;
     }
@@ -216,13 +219,13 @@ impl Hub {
         }
     }
 
-    /// State of a virtual board's device for the display.
+    /// What the display shows of a virtual board's device: its present state.
     pub fn seen(&self) -> Option<Seen> {
         self.board.as_ref().map(|board| board.seen())
     }
 
-    /// Offset from the board's positions to the scene's. The offset is rounded to 1 mm, because the handle moves
-    /// between the two readings.
+    /// Offset from the board's positions to the scene's positions. The two positions are read one after the other while
+    /// the handle moves, so the offset is rounded to 1 mm.
     fn offset_m(&self, resolution_m: f64) -> f64 {
         let record = self.known().record;
         let (Some(seen), Some(record)) = (self.seen(), record) else { return 0.0 };
@@ -240,11 +243,11 @@ impl Hub {
     }
 }
 
-/// The last command, whose reply has not come.
+/// The last command that was sent. Its reply has not come yet.
 struct Pending {
     line: String,
-    /// Beginning of the expected reply; `None` if any reply is accepted. Only questions of this program have a
-    /// beginning. So the reply to an earlier command is not mistaken for the reply to a question.
+    /// How the expected reply begins. `None` if any reply is accepted. Only questions of this program have a known
+    /// beginning. It ensures that the reply to an earlier command is not taken for the reply to a question.
     begins: Option<String>,
     /// Whether the reply is shown to a person.
     loud: bool,
@@ -274,22 +277,22 @@ pub struct Talk {
     record: Option<Tape>,
     decoder: telemetry::Decoder,
     pending: Option<Pending>,
-    /// Bytes for which the board had no room.
+    /// Bytes that are not sent yet, because the board had no room for them.
     unsent: Vec<u8>,
-    /// Whether the board may have received an incomplete line. This is true at the start, since an earlier host may
-    /// have sent an incomplete line.
+    /// Whether the board may have received an incomplete line. This is true at the start, because an earlier host may
+    /// have sent one.
     begun: bool,
     /// Bytes of an incomplete reply.
     replies: Vec<u8>,
-    /// Number of `alive` commands without a reply.
+    /// Number of `alive` commands that the board has not answered yet.
     words: u32,
-    /// Whether the board expects `alive`.
+    /// Whether the board expects `alive` commands.
     promised: bool,
     word_at: Duration,
     status_at: Duration,
     quiet: VecDeque<&'static str>,
     stops: Vec<(u64, Duration)>,
-    /// Console lines that the log has not repeated yet.
+    /// Console lines that the log will repeat. A line is removed when the log has repeated it.
     twice: VecDeque<String>,
     settings: Option<u16>,
     last: Option<Record>,
@@ -304,8 +307,8 @@ impl Talk {
             thread::sleep(LOOK);
         }
         self.disarm();
-        // All bytes must be sent, and the board may have little room. A board that reads nothing switches off by itself
-        // when `alive` is missing.
+        // All bytes must be sent, but the board may have little room for them. A board that reads nothing gets no
+        // `alive`, so it switches off by itself.
         let end = Instant::now() + REPLY;
         while !self.unsent.is_empty() && Instant::now() < end {
             thread::sleep(LOOK);
@@ -328,7 +331,7 @@ impl Talk {
         true
     }
 
-    /// Sends `disarm` in place of all waiting bytes.
+    /// Drops all bytes that wait to be sent, and sends `disarm` instead.
     fn disarm(&mut self) {
         self.unsent.clear();
         self.send("disarm");
@@ -404,15 +407,15 @@ impl Talk {
         self.pending = Some(Pending { line, begins, loud, since: now });
     }
 
-    /// Ends the wait for the reply.
+    /// Ends the wait for a reply. `why` says why no reply comes.
     fn give_up(&mut self, why: &str) {
         if let Some(Pending { line, .. }) = self.pending.take().filter(|pending| pending.loud) {
             self.hub.known().say(From::Server, format!("no reply to {line}: {why}"), Some(line));
         }
     }
 
-    /// Handles a reset of the board. The board has lost the last command, and what is known of its state is no longer
-    /// valid.
+    /// Handles a reset of the board. The board has lost the last command. What was known of the board's state is no
+    /// longer valid.
     fn meet_again(&mut self) {
         self.give_up("the board was reset");
         self.hub.note("the board was reset");
@@ -514,14 +517,15 @@ impl Talk {
     }
 
     fn read_log(&mut self) {
-        // Only the bytes of the previous turn are decoded: the replies that came with these bytes have been read by
-        // now.
+        // Only the bytes of the previous turn are decoded now. The replies that came together with these bytes have
+        // been read in the meantime.
         let bytes = std::mem::take(&mut self.logged);
         self.link.read(LOG, &mut self.logged);
         let Some(log) = &mut self.log else { return };
-        // Log bytes that cannot be decoded are ignored: they may be from another program, or may start within a frame.
+        // Log bytes that cannot be decoded are ignored. They may be from another program, or may begin in the middle of
+        // a frame.
         for line in log.feed(&bytes).unwrap_or_default() {
-            // The log repeats the console's lines, long lines in pieces.
+            // The log repeats the console's lines. A long line is repeated in pieces.
             let piece = line.strip_suffix('~').unwrap_or(&line);
             if let Some(place) = self.twice.iter().position(|known| known.contains(piece)) {
                 let rest = self.twice[place].replacen(piece, "", 1);

@@ -1,6 +1,6 @@
-//! `cargo live`: a board in the browser. The library has the parts without a network: the history of the plots, the
-//! communication with the board, and the control by one of several pages. The page without a server uses these parts
-//! without threads.
+//! `cargo live`: a board in the browser. The library has the parts that need no network: the history for the plots, the
+//! communication with the board, and the rule which of several pages controls it. The page without a server uses these
+//! parts without threads.
 #![forbid(unsafe_code)]
 
 pub mod access;

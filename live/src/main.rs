@@ -59,7 +59,7 @@ struct Cli {
     /// the board's own scene: the image's record]. If a real board has another record, the page shows an error.
     #[arg(long, value_name = "FILE")]
     device: Option<PathBuf>,
-    /// Port on 127.0.0.1; 0: any.
+    /// Port on 127.0.0.1. With 0, the system selects a free port.
     #[arg(long, default_value_t = 0)]
     port: u16,
     /// A real board behind RTT over TCP (OpenOCD, J-Link, `cargo board serve`), in place of the virtual one. Channel n
@@ -155,8 +155,8 @@ fn execute(cli: Cli) -> Result<(), Error> {
     tape.map_or(Ok(()), Outputs::commit).and(served)
 }
 
-/// The record of a scene on that board, as `cargo sim prepare` makes it. The record has no envelope if `prepare`
-/// refuses the scene. `None` for the board's own scene.
+/// The record of a scene on that board, as `cargo sim prepare` makes it. If `prepare` refuses the scene, the record has
+/// no envelope. `None` for the board's own scene, whose record is in the image.
 fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
     if device::is_built_in(scene, board) {
         return Ok(None);

@@ -6,21 +6,21 @@ use crate::trigger::Trigger;
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum FromPage {
-    /// A line for the console, from the owner only. `stopped`: the number of stops that the page knows. If there were
-    /// more stops, the line is refused.
+    /// A line for the console. Only the owner may send it. `stopped` is the number of stops that the page knows. If
+    /// there were more stops, the line is refused.
     Command { line: String, stopped: Option<u64> },
     /// Switches the force off at once. Any page may send this message. The answer has the same `id`.
     Stop { id: u64 },
-    /// Target of the finger in the board's positions, m; `None` releases the handle. Only the owner may send this
-    /// message, and only to a virtual board.
+    /// Where the finger moves the handle, as a position of the board in m. `None` releases the handle. Only the owner
+    /// may send this message, and only to a virtual board.
     Finger { target_m: Option<f64> },
-    /// Opens or closes the emergency stop. Only the owner may send this message, and only to a virtual board.
+    /// Opens or closes the emergency stop of a virtual board. Only the owner may send this message.
     EmergencyStop { open: bool },
     /// The page asks for control of the board.
     Ask {},
     /// The owner gives control to the page that has asked for control.
     Give {},
-    /// Rows to plot: their time span, the largest number of bins, and whether the view stops at the present time.
+    /// Which rows to plot: their time span, the largest number of bins, and whether the view stands still (`paused`).
     View { span_s: f64, columns: u64, paused: bool },
     /// Sets the trigger that stops the view.
     Trigger { on: Trigger },
@@ -28,11 +28,11 @@ pub enum FromPage {
     Predict(Question),
 }
 
-/// The estimator whose predicted boundary a page wants.
+/// A page asks for the boundary that is predicted for this estimator.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Question {
     pub estimator: String,
-    /// Cutoff or other tuning of the estimator, Hz.
+    /// Cutoff of the estimator, or another frequency that tunes it, in Hz.
     pub cutoff_hz: f64,
 }
 
@@ -42,8 +42,8 @@ impl FromPage {
     /// # Errors
     /// The text is not a message, or a value is not allowed. The error is one line of text.
     pub fn read(text: &str) -> Result<Self, String> {
-        // A tagged enum of serde is not used: it reads numbers as maps if any crate of the build enables serde_json's
-        // arbitrary precision.
+        // serde's tagged enums are not used here: they read numbers as maps if any crate of the build enables
+        // serde_json's arbitrary precision
         let mut keys: Map<String, Value> =
             serde_json::from_str(text).map_err(|error| error.to_string())?;
         let Some(Value::String(kind)) = keys.remove("type") else {

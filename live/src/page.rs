@@ -1,4 +1,4 @@
-//! Messages to and from a page. The code is the same in a server and in a worker of the page.
+//! The messages to and from a page. A server and a worker in the page use the same code.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard},
@@ -21,14 +21,14 @@ use crate::{
 
 /// Time between two calls of [`Page::tick`].
 pub const TICK: Duration = Duration::from_millis(30);
-/// Fraction of a triggered view that is before the trigger.
+/// In a triggered view, this fraction is before the trigger.
 const BEFORE: f64 = 0.25;
 
 pub struct Shared {
     pub hub: Arc<Hub>,
     pub scene: NamedScene,
     pub board: Board,
-    /// Device of the record that the board must have. `None`: the board may have any record.
+    /// The device whose record the board must have. `None` if the board may have any record.
     pub device: Option<Device<'static>>,
     pub scale: Scale,
     seats: Mutex<Seats>,
@@ -45,8 +45,8 @@ impl Shared {
         Self { hub, scene, board, device, scale, seats: Mutex::default() }
     }
 
-    /// Error text if the board's reply to `version` names another device record, or says that the board cannot run with
-    /// its record.
+    /// The error text if the board has the wrong record. The board's reply to `version` may name another device record,
+    /// or say that the board cannot run with its record. Otherwise `None`.
     fn other_record(&self, version: &str) -> Option<String> {
         let device = self.device.as_ref()?;
         let (scene, envelope) = (device.scene_hash, device.envelope.hash());
@@ -69,13 +69,13 @@ impl Shared {
         lock(&self.seats)
     }
 
-    /// Rows as text of a table, in the units of the scene.
+    /// The rows as the text of a table, in the units of the scene.
     pub fn table(&self, from: u64, count: u64) -> String {
         picture::table(&self.hub, &self.scale, self.scene.scene.units, from, count)
     }
 }
 
-/// View of a page, and what the page has already received.
+/// What a page shows, and what it has already received.
 struct Looks {
     view: View,
     paused: bool,
@@ -87,9 +87,9 @@ struct Looks {
     ticks: u32,
 }
 
-/// Messages that the page gets next.
+/// The messages that a page gets next.
 pub struct Tick {
-    /// Values to plot, as binary messages.
+    /// The values to plot. Each picture is a binary message.
     pub pictures: Vec<Vec<u8>>,
     /// State of the board as JSON.
     pub state: Option<String>,
@@ -116,7 +116,7 @@ impl Page {
         let Shared { hub, scale, .. } = &*self.shared;
         let owned = self.shared.seats().leave(self.id);
         if owned {
-            // Without an owner, the force goes off at once. The board does not wait for a missing `alive`.
+            // Without an owner, the force goes off at once. It does not wait until the board misses `alive`.
             hub.touch(None, scale.resolution_m);
             let on = hub.known().is_on();
             if on {
@@ -205,7 +205,7 @@ impl Page {
         Ok(None)
     }
 
-    /// Messages for the page since the last tick.
+    /// The messages for the page that have arisen since the last tick.
     pub fn tick(&self) -> Tick {
         let mut looks = lock(&self.looks);
         looks.ticks = looks.ticks.wrapping_add(1);
@@ -238,7 +238,8 @@ impl Page {
         made
     }
 
-    /// Data that does not change: values in m and N at the handle, and the handle's distance from its axis.
+    /// The data that does not change. Values are in m and N at the handle, and the handle's distance from its axis is
+    /// given too.
     pub fn hello(&self) -> String {
         let Shared { scene, board, scale, hub, .. } = &*self.shared;
         let limits = scene.scene.on_board().safety;
@@ -271,7 +272,7 @@ impl Page {
         .to_string()
     }
 
-    /// Changes since the last tick, as JSON.
+    /// What has changed since the last tick, as JSON.
     fn state(&self, looks: &mut Looks) -> String {
         let Shared { hub, scale, .. } = &*self.shared;
         let rows = hub.history().rows();
@@ -325,7 +326,7 @@ impl Page {
     }
 }
 
-/// The remedy of a fault: the last column of its row in docs/faults.md.
+/// What to do about a fault. The text is the last column of the fault's row in docs/faults.md.
 fn remedy(code: u8) -> &'static str {
     const PAGE: &str = include_str!("../../docs/troubleshooting.md");
     let is_its = |line: &&str| {

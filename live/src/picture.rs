@@ -1,4 +1,4 @@
-//! Plots of a page from the history: values in SI units, in short binary messages.
+//! Makes the plots of a page from the history. The values are in SI units, in short binary messages.
 #![expect(
     clippy::cast_possible_truncation,
     clippy::cast_precision_loss,
@@ -19,21 +19,21 @@ use crate::{
     spectrum,
 };
 
-/// Number of rows for a spectrum. `PHASE_ROWS` is the number of rows for a phase plane.
+/// A spectrum uses this number of rows. A phase plane uses `PHASE_ROWS` rows.
 const SPECTRUM_ROWS: u16 = 8192;
 const PHASE_ROWS: u64 = 2048;
 const BANDS: u32 = 240;
 
-/// Factors from the control loop's integers to SI units.
+/// Factors that convert the control loop's integers to SI units.
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
-    /// LSB of position, velocity and force: m, m/s, N.
+    /// One LSB of position, velocity and force, in m, m/s and N.
     pub lsb: [f64; SIGNALS],
-    /// Samples per second, Hz.
+    /// Samples per second in Hz.
     pub rate_hz: f64,
-    /// Length of a count, m.
+    /// Length of a count in m.
     pub resolution_m: f64,
-    /// Force at full command, N.
+    /// Force at full command in N.
     pub full_scale_n: f64,
 }
 
@@ -56,7 +56,7 @@ pub struct View {
     pub span_s: f64,
     /// Largest number of columns of the plot.
     pub columns: u64,
-    /// Number of the row at the end of the view; `None`: the newest row.
+    /// Number of the row at which the view ends. With `None`, the view ends at the newest row.
     pub end: Option<u64>,
 }
 
@@ -65,8 +65,8 @@ pub fn rows_of(history: &History, scale: &Scale, span_s: f64) -> u64 {
     (span_s * scale.rate_hz / history.step() as f64).ceil() as u64
 }
 
-/// Smallest and largest values in columns. The message has a head of 32 bytes (1, columns, first row, rows per column,
-/// samples per row), then six arrays of f32, then the flags as f32.
+/// The smallest and largest values in each column. The message begins with a head of 32 bytes: 1, columns, first row,
+/// rows per column, samples per row. Then come six arrays of f32, and the flags as f32.
 pub fn curves(history: &History, scale: &Scale, view: &View) -> Vec<u8> {
     let rows = rows_of(history, scale, view.span_s);
     let stride = History::stride(rows, view.columns);
@@ -92,8 +92,8 @@ pub fn curves(history: &History, scale: &Scale, view: &View) -> Vec<u8> {
     bytes
 }
 
-/// Amplitudes of velocity and force before `end`. The message has a head (2, number of pairs for velocity, number of
-/// pairs for force, 0), then pairs of frequency and amplitude.
+/// The amplitudes of velocity and force before the row `end`. The message begins with a head: 2, number of pairs for
+/// velocity, number of pairs for force, 0. Then come pairs of frequency and amplitude.
 pub fn spectra(history: &History, scale: &Scale, end: Option<u64>) -> Option<Vec<u8>> {
     let end = end.unwrap_or(history.rows()[1]);
     let bins = history.bins(end.checked_sub(SPECTRUM_ROWS.into())?, 1, SPECTRUM_ROWS.into());
@@ -118,7 +118,7 @@ pub fn spectra(history: &History, scale: &Scale, end: Option<u64>) -> Option<Vec
     Some(bytes)
 }
 
-/// The last positions and velocities. The message has a head (3, number), then both arrays.
+/// The last positions and velocities. The message begins with a head: 3, number of points. Then come both arrays.
 pub fn phase(history: &History, scale: &Scale, end: Option<u64>) -> Vec<u8> {
     let [begin, newest] = history.rows();
     let end = end.unwrap_or(newest);
@@ -141,7 +141,7 @@ fn put<const N: usize>(bytes: &mut Vec<u8>, numbers: [usize; N]) {
     }
 }
 
-/// Rows as text of a table, in the units of the scene.
+/// The rows as the text of a table, in the units of the scene.
 pub fn table(hub: &Hub, scale: &Scale, units: Units, from: u64, count: u64) -> String {
     let history = hub.history();
     let [begin, end] = history.rows();

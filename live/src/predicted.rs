@@ -1,5 +1,5 @@
-//! The simulator's prediction for the page's (K, B) plane: the boundary of an estimator with one tuning, by the walk of
-//! `cargo sim walk`, and the board's envelope.
+//! What the simulator predicts for the page's (K, B) plane. It is the boundary of an estimator with one tuning, walked
+//! as by `cargo sim walk`, and the board's envelope.
 
 use std::sync::atomic::AtomicBool;
 
@@ -22,26 +22,26 @@ use zwidth::{
 pub struct Predicted {
     pub estimator: String,
     pub cutoff_hz: f64,
-    /// B, N s/m, and K, N/m, of each point.
+    /// The points of the boundary. Each is B in N s/m and K in N/m.
     pub points: Vec<[f64; 2]>,
     /// Area under the boundary, N^2 s/m^2.
     pub area: f64,
-    /// Boundary of the quiet walls, with any criterion in the scene; empty if the grid has no quiet wall.
+    /// Boundary of the quiet walls, whatever criterion the scene has. Empty if the grid has no quiet wall.
     pub quiet: Vec<[f64; 2]>,
     /// Area under the quiet boundary, N^2 s/m^2.
     pub quiet_area: f64,
-    /// B, lowest K and highest K of each row of the board's envelope.
+    /// The rows of the board's envelope. Each row is B, lowest K and highest K.
     pub envelope: Vec<[f64; 3]>,
-    /// Delay of the estimated velocity at constant acceleration, s.
+    /// Delay of the estimated velocity at constant acceleration, in s.
     pub delay_s: Option<f64>,
-    /// RMS error of the estimated velocity at 20 mm/s, caused by whole counts alone, m/s.
+    /// RMS error of the estimated velocity at 20 mm/s, in m/s. Only the rounding to whole counts causes it.
     pub noise_m_per_s: Option<f64>,
-    /// Reason why there is no boundary.
+    /// Reason why there is no boundary. `None` if there is one.
     pub error: Option<String>,
 }
 
-/// Walks in the simulator, in about a second. `device`: the device of the board's record; `None` if the record has no
-/// envelope.
+/// Walks a boundary in the simulator, which takes about a second. `device` is the device of the board's record. It is
+/// `None` if the record has no envelope.
 pub fn predict(
     scene: &NamedScene,
     device: Option<&Device<'_>>,
@@ -77,15 +77,16 @@ pub fn predict(
     predicted
 }
 
-/// Speed for the measurement of the noise, m/s.
+/// Speed at which the noise is measured, in m/s.
 pub const SPEED: f64 = 0.02;
-/// Acceleration for the measurement of the delay, m/s^2.
+/// Acceleration at which the delay is measured, in m/s^2.
 const RISE: f64 = 1.0;
-/// Samples before the measurement. `LOOKED_AT` are the samples of the measurement.
+/// Number of samples before a measurement. `LOOKED_AT` is the number of samples in the measurement.
 const SETTLE: u32 = 5_000;
 const LOOKED_AT: u32 = 5_000;
 
-/// B, lowest K and highest K of a filter's rows in a device's envelope, for the device's own output period.
+/// The rows of a filter in a device's envelope, for the device's own output period. Each row is B, lowest K and highest
+/// K.
 fn envelope(device: &Device<'_>, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3]> {
     let same = |other: f64| (other - cutoff_hz).abs() <= 1e-9 * other.abs().max(cutoff_hz.abs());
     let is_its = |key: &Key| {
@@ -100,7 +101,7 @@ fn envelope(device: &Device<'_>, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3
         .collect()
 }
 
-/// Delay and noise of the core's estimator, for known motions in whole counts.
+/// Delay and noise of the core's estimator. They are measured with known motions in whole counts.
 fn quality(scene: &Scene, velocity: VelocitySettings) -> Option<(f64, f64)> {
     let (rate_hz, resolution_m) = (scene.control.rate_hz, scene.encoder.resolution_m);
     let wall = WallSettings {

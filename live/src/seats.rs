@@ -1,16 +1,17 @@
-//! Control of the board: one page is the owner, and the others watch. The owner changes only by a person's action, or
-//! when the owner's page is closed.
+//! Which page controls the board: one page is the owner, and the others watch. The owner changes only if a person acts,
+//! or when the owner's page is closed.
 
 use std::time::Duration;
 
-/// Time without an answer of the owner's page after which the force is switched off.
+/// If the owner's page does not answer for this time, the force is switched off.
 pub const ABSENT: Duration = Duration::from_secs(1);
-/// Time without an answer after which a page is treated as closed and loses control, even if its socket is still open.
+/// If a page does not answer for this time, it is treated as closed and loses control, even if its socket is still
+/// open.
 pub const GONE: Duration = Duration::from_secs(2);
 
 #[derive(Debug, Default)]
 pub struct Seats {
-    /// Number of each page, and the time of its last answer.
+    /// The number of each open page, and the time of its last answer.
     pub pages: Vec<(u64, Duration)>,
     last: u64,
     pub owner: Option<u64>,
@@ -68,12 +69,13 @@ impl Seats {
         self.pages.iter_mut().filter(|(other, _)| *other == page).for_each(|seat| seat.1 = now);
     }
 
-    /// Time of the page's last answer; `None` if there is no such page.
+    /// Time of the page's last answer. `None` if there is no such page.
     fn heard(&self, page: u64) -> Option<Duration> {
         self.pages.iter().find(|(other, _)| *other == page).map(|(_, heard)| *heard)
     }
 
-    /// Time until which the owner is treated as present, so that the board may get `alive`; 0 without an owner.
+    /// The owner is treated as present until this time, so the board may get `alive` until then. It is 0 without an
+    /// owner.
     pub fn attended_until(&self) -> Duration {
         self.owner
             .and_then(|owner| self.heard(owner))
@@ -107,7 +109,7 @@ mod tests {
         assert!(seats.owns(first));
         assert!(seats.give(first));
         assert!(seats.owns(second) && !seats.owns(first));
-        // The closed page passes control to the page that has asked for control. If no page has asked, there is no
+        // The control of the closed page passes to the page that has asked for it. If no page has asked, there is no
         // owner.
         assert!(seats.ask(first));
         assert!(seats.leave(second));

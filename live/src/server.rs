@@ -1,4 +1,4 @@
-//! HTTP and WebSocket, on the loopback interface only.
+//! The HTTP and WebSocket server. It listens on the loopback interface only.
 
 mod socket;
 
@@ -34,16 +34,16 @@ use live::{
 };
 use tokio::sync::Semaphore;
 
-/// Time between two checks of the pages.
+/// Time between two checks whether the pages still answer.
 const LOOK: Duration = Duration::from_millis(20);
-/// Largest number of rows in a saved table.
+/// Largest number of rows that a saved table may have.
 const ROWS_MAX: u64 = 200_000;
-/// Largest number of stored predictions.
+/// Largest number of predictions that are stored.
 const PREDICTIONS: usize = 200;
 
 macro_rules! assets {
     ($($name:literal: $kind:literal),*) => {
-        /// Name, media type and content of each file.
+        /// Name, media type and content of each file that the server offers.
         const ASSETS: &[(&str, &str, &[u8])] = &[
             $(($name, $kind, include_bytes!(concat!("../assets/", $name)))),*
         ];
@@ -73,7 +73,7 @@ pub struct App {
 }
 
 impl App {
-    /// The simulator's prediction. Each combination of estimator and cutoff is walked only once.
+    /// The simulator's prediction. For each combination of estimator and cutoff, the boundary is walked only once.
     async fn predict(self: &Arc<Self>, question: Question) -> Option<Arc<Predicted>> {
         let Question { estimator, cutoff_hz } = question;
         let key = format!("{estimator} {cutoff_hz}");
@@ -99,7 +99,7 @@ impl App {
 /// Serves until the program is interrupted.
 ///
 /// # Errors
-/// The port is taken.
+/// The port is already in use.
 pub fn serve(shared: Shared, port: u16) -> Result<(), Error> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
@@ -143,7 +143,7 @@ async fn listen(shared: Shared, port: u16) -> Result<(), Error> {
     }
 }
 
-/// Checks the pages. Returns when the program is to end.
+/// Checks whether the pages still answer. Returns when the program is to end.
 async fn attend(app: &App) -> Result<(), Error> {
     let mut look = tokio::time::interval(LOOK);
     loop {
@@ -202,7 +202,7 @@ async fn asset(Path(name): Path<String>) -> Response {
     }
 }
 
-/// The rows of a view. The query has `from` and `rows`.
+/// Answers with the rows of a view. The query has `from` and `rows`.
 async fn rows(State(app): State<Arc<App>>, words: Words) -> Response {
     let number = |name: &str| words.get(name).and_then(|word| word.parse::<u64>().ok());
     let (Some(from), Some(count)) = (number("from"), number("rows").filter(|n| *n <= ROWS_MAX))
@@ -213,7 +213,7 @@ async fn rows(State(app): State<Arc<App>>, words: Words) -> Response {
     ([(header::CONTENT_TYPE, "text/csv")], app.shared.table(from, count)).into_response()
 }
 
-/// Opens a socket to pages of this server only.
+/// Opens a socket, but only to pages of this server.
 async fn upgrade(
     State(app): State<Arc<App>>,
     headers: HeaderMap,

@@ -1,12 +1,12 @@
-//! Amplitude spectrum of samples with a Hann window.
+//! The amplitude spectrum of samples. The samples are weighted with a Hann window.
 #![expect(clippy::cast_precision_loss, reason = "some thousand")]
 
 use std::f64::consts::PI;
 
 use host_sim::numerics::fft::RealSpectrum;
 
-/// Amplitudes at the frequencies `n / (N T)`, n from 0 to N/2, without the mean. A sine of amplitude A at one of these
-/// frequencies gives A. The number of values must be a power of two.
+/// Amplitudes of the values without their mean. They are at the frequencies `n / (N T)` for n from 0 to N/2. A sine of
+/// amplitude A at one of these frequencies gives A. The number of values must be a power of two.
 pub fn amplitudes(values: &[f64]) -> Vec<f64> {
     let count = values.len();
     assert!(count.is_power_of_two(), "a power of two");
@@ -15,12 +15,13 @@ pub fn amplitudes(values: &[f64]) -> Vec<f64> {
     let window = |place: usize| 0.5 - 0.5 * (2.0 * PI * place as f64 / n).cos();
     let windowed = values.iter().enumerate().map(|(place, value)| (value - mean) * window(place));
     let powers = RealSpectrum::new(count).powers(&windowed.collect::<Vec<_>>(), 0..count / 2 + 1);
-    // The mean of the window is one half. Half of a sine's amplitude is at the negative frequency.
+    // The mean of the window is one half, and half of a sine's amplitude is at the negative frequency. So the factor is
+    // 4.
     powers.into_iter().map(|power| 4.0 / n * power.sqrt()).collect()
 }
 
-/// The largest amplitude in each of about `count` bands with equal ratios of frequency, as bin and amplitude. Bin 0,
-/// the mean, is left out.
+/// Divides the spectrum into about `count` bands with equal ratios of frequency. Returns the bin and the value of the
+/// largest amplitude in each band. Bin 0, which is the mean, is left out.
 pub fn bands(amplitudes: &[f64], count: u32) -> Vec<(usize, f64)> {
     let last = amplitudes.len().saturating_sub(1);
     let mut found: Vec<(usize, f64)> = Vec::new();

@@ -1,4 +1,4 @@
-//! Triggers: after an event, the view stops.
+//! Triggers stop the view after an event.
 
 use serde::Deserialize;
 use zwidth::telemetry::Flags;
@@ -15,11 +15,11 @@ pub enum Trigger {
     Fault,
     /// A signal crosses a level.
     Level {
-        /// Index of the signal: 0 position, 1 velocity, 2 force.
+        /// Index of the signal: 0 is position, 1 is velocity, 2 is force.
         signal: usize,
         /// The level as an integer of the control loop.
         level: i32,
-        /// Whether the signal must cross the level upwards; otherwise downwards.
+        /// Whether the signal must cross the level upwards. Otherwise it must cross it downwards.
         rising: bool,
     },
 }
@@ -45,12 +45,12 @@ impl Trigger {
     }
 }
 
-/// Checks each row once for the event.
+/// Looks for the event in each row, once.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Watch {
     trigger: Trigger,
     next: u64,
-    /// Number of the row with the event.
+    /// Number of the row in which the event was found.
     pub met: Option<u64>,
 }
 

@@ -14,13 +14,13 @@ pub(crate) fn font() -> Result<&'static FontRef<'static>, BitmapError> {
     FONT.as_ref().ok_or(BitmapError::Font)
 }
 
-/// Advance of one character in units of the font size.
+/// Advance width of one character, as a fraction of the font size.
 pub(crate) fn advance(font: &FontRef<'_>, c: char) -> f64 {
     let units_per_em = font.units_per_em().unwrap_or(1.0);
     f64::from(font.h_advance_unscaled(font.glyph_id(c)) / units_per_em)
 }
 
-/// Width of a line of text, without kerning, in the unit of `size`.
+/// Width of a line of text in the unit of `size`. Kerning is not included.
 pub fn width(text: &str, size: f64) -> f64 {
     font().map_or(0.0, |font| text.chars().map(|c| advance(font, c)).sum::<f64>() * size)
 }

@@ -17,7 +17,7 @@ pub const STEPS_PER_PIXEL: u8 = 2;
 
 type PaintError<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::ErrorType>;
 
-/// A shape in grid steps with its style.
+/// A shape with its style. Its points are in grid steps.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     Line([BackendCoord; 2], ShapeStyle),
@@ -25,7 +25,7 @@ pub enum Shape {
     Path(Vec<BackendCoord>, ShapeStyle),
     /// Filled rectangle between two corners.
     Rectangle([BackendCoord; 2], ShapeStyle),
-    /// Filled circle: centre and radius.
+    /// Filled circle, given by its centre and radius.
     Circle(BackendCoord, u32, ShapeStyle),
     /// Filled area between these corners.
     Polygon(Vec<BackendCoord>, ShapeStyle),
@@ -36,12 +36,12 @@ pub enum Shape {
 pub struct Lettering {
     pub text: String,
     pub at: BackendCoord,
-    /// Font size: one em, in grid steps.
+    /// Font size: the length of one em in grid steps.
     pub em: f64,
-    /// The point of the text that is at `at`: the name of this anchor in SVG, and the fraction of the text's width
+    /// Which point of the text is at `at`: the name of this anchor in SVG, and the fraction of the text's width that is
     /// before the anchor.
     pub anchor: (&'static str, f64),
-    /// Distance from the point `at` down to the base line, em.
+    /// Distance from the point `at` down to the base line, in em.
     pub drop: f64,
     /// Whether the text is turned by 90 degrees and read from below.
     pub turned: bool,
@@ -67,7 +67,7 @@ impl fmt::Display for BitmapError {
 
 impl std::error::Error for BitmapError {}
 
-/// The shapes as PNG. The size of the page is in grid steps.
+/// Paints the shapes as PNG. The size of the page is in grid steps.
 ///
 /// # Errors
 /// [`BitmapError`]. The shapes are never the reason.

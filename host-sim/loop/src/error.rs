@@ -29,7 +29,7 @@ impl Error {
         move |source| Self::File { path, source }
     }
 
-    /// The same error. If it is an [`Error::Input`], `name` and a colon are put before the text.
+    /// Puts `name` and a colon before the text of an [`Error::Input`]. Other errors stay as they are.
     #[must_use]
     pub fn of(self, name: &str) -> Self {
         match self {
@@ -38,7 +38,7 @@ impl Error {
         }
     }
 
-    /// Kind of the error, as text for programs.
+    /// The kind of the error, as a word for programs that read the output.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Input(_) => "input",
@@ -81,8 +81,8 @@ const LONGEST: usize = 1000;
 /// Number of characters kept at the end of a shortened message, because the end has the allowed values.
 const TAIL: usize = 300;
 
-/// A text as one printable line of at most about a thousand characters. Control characters are escaped, and the middle
-/// of a long text is left out.
+/// The text as one printable line of at most about a thousand characters. Control characters are escaped. In a longer
+/// text, the middle is left out.
 pub fn one_line(text: &str) -> String {
     let length = text.chars().count();
     if length <= LONGEST {
@@ -95,7 +95,7 @@ pub fn one_line(text: &str) -> String {
     printable(&text, false).into_owned()
 }
 
-/// A text without characters that control a terminal. With `lines`, line ends stay.
+/// The text without characters that control a terminal. With `lines`, line ends stay in the text.
 pub fn printable(text: &str, lines: bool) -> Cow<'_, str> {
     let steers =
         |c: char| c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');

@@ -15,7 +15,7 @@ pub struct Kind {
 }
 
 pub const SCENE: Kind = Kind { name: "a scene", limit_mib: 1 };
-/// A curve of the least motion that a hand feels, by frequency.
+/// A curve that gives the least motion that a hand feels at each frequency.
 pub const CURVE: Kind = Kind { name: "a curve", limit_mib: 1 };
 /// A record: a log or a capture of telemetry. Two hours of frames are below the size limit.
 pub const RECORD: Kind = Kind { name: "a record", limit_mib: 256 };
@@ -23,7 +23,7 @@ pub const STUDY: Kind = Kind { name: "a study", limit_mib: 1 };
 pub const DEVICE: Kind = Kind { name: "a device record", limit_mib: 1 };
 pub const PROGRAM: Kind = Kind { name: "a program", limit_mib: 64 };
 
-/// Bytes between two checks of the interrupt flag.
+/// Number of bytes that are read between two checks of the interrupt flag.
 const PIECE: u64 = 1 << 20;
 
 /// Reads a whole file.
@@ -64,7 +64,7 @@ pub fn read_text(path: &Path, kind: Kind) -> Result<String, Error> {
 /// Returns bytes as text.
 ///
 /// # Errors
-/// One line: the position, from 1 on, of the first byte that is not UTF-8 text, and a guess of the encoding.
+/// One line with the position, from 1 on, of the first byte that is not UTF-8 text, and a guess of the encoding.
 pub fn utf8(bytes: &[u8]) -> Result<&str, String> {
     let at = match std::str::from_utf8(bytes) {
         Ok(text) => match text.find('\0') {

@@ -32,7 +32,7 @@ pub fn rounded(value: f64, digits: usize) -> f64 {
     format!("{value:.*e}", digits - 1).parse().unwrap_or(value)
 }
 
-/// The number with three digits, and with at most two decimals.
+/// The number as text with three digits, but with at most two decimals.
 pub fn three_digits(value: f64) -> String {
     let decimals = match value {
         v if v >= 99.95 => 0,

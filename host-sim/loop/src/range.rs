@@ -12,7 +12,7 @@ pub fn within(key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), S
     if range.contains(&value) { Ok(()) } else { Err(refused(key, value, &range)) }
 }
 
-/// The message for a value out of range, in one line: key, value, allowed range.
+/// The message for a value that is out of range. It is one line with key, value and allowed range.
 pub fn refused(key: &str, value: f64, range: &RangeInclusive<f64>) -> String {
     let [low, high] = ends(range);
     format!("{key} is {value}, allowed {low} to {high}")

@@ -35,7 +35,8 @@ use crate::{
     },
 };
 
-/// Compares velocity estimators, each tuned by the same search: Z-width, delay, noise, roughness, fidelity, cost.
+/// Compares velocity estimators by Z-width, delay, noise, roughness, fidelity and cost. The same search tunes each
+/// estimator.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
     /// Built-in scene or scene file. The scene's estimator is not used.
@@ -44,8 +45,8 @@ pub struct CompareArgs {
     /// window-difference, biquad and biquad-2].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     estimators: Vec<String>,
-    /// B at which K and contacts are compared, N s/m. Impedance is also compared at half and twice this B [default:
-    /// 100, at most half of the largest B of finite difference and Butterworth].
+    /// B at which K and contacts are compared, in N s/m. The impedance is also compared at half and at twice this B
+    /// [default: 100, at most half of the largest B of finite difference and Butterworth].
     #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
     damping: Option<f64>,
     /// Number of tunings that the search may try for an estimator with one parameter, with two walks each. With two
@@ -76,14 +77,14 @@ const FILES: &[&str] = &[
 #[derive(Serialize)]
 struct Json<'a> {
     scene: &'a str,
-    /// Damping and stiffness of the wall at which the force is compared.
+    /// Damping and stiffness of the wall at which the forces are compared.
     damping_n_s_per_m: f64,
     stiffness_n_per_m: f64,
-    /// Walls for the comparison of the impedance.
+    /// Walls at which the impedance is compared.
     walls: [Wall; 3],
     /// Mean area with the true velocity.
     true_velocity_area_n2_s_per_m2: f64,
-    /// Error of the impedance with the true velocity. Only output hold and latency cause this error.
+    /// Error of the impedance if the loop gets the true velocity. Only output hold and latency cause this error.
     impedance_error_of_loop: Option<f64>,
     estimators: Vec<JsonRow>,
     winners: &'a [Winner],
@@ -207,7 +208,7 @@ fn tuning(c: &Compared) -> String {
     texts.join(", ")
 }
 
-/// The estimator of a class with the largest mean area.
+/// The estimator of this class that has the largest mean area.
 fn best_of(compared: &[Compared], class: Class) -> Option<Entry> {
     let like = compared.iter().filter(|c| c.class() == class);
     like.max_by(|a, b| a.tuned.boundaries.area().total_cmp(&b.tuned.boundaries.area()))

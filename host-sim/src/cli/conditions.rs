@@ -1,4 +1,5 @@
-//! Options that replace conditions of a scene: limit, criterion, pusher, arm on the handle, times of the outputs.
+//! Options that replace conditions of a scene: limit, criterion, who pushes, arm on the handle, and times of the
+//! outputs.
 
 use clap::{Args, builder::ValueParser};
 
@@ -20,10 +21,10 @@ use crate::{
 /// How a wall is tried, and when it counts as stable.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Judged {
-    /// Signal of the RMS, instead of the scene's. The RMS of counts cannot resolve limits near one count.
+    /// Signal whose RMS is judged, if not the scene's. The RMS of counts cannot resolve limits near one count.
     #[arg(long, value_parser = rms_ofs())]
     rms_of: Option<RmsOf>,
-    /// Criterion for a stable wall, instead of the scene's.
+    /// Criterion for a stable wall, if not the scene's.
     #[arg(long, value_parser = criteria())]
     criterion: Option<Criterion>,
     /// How a wall is tried, instead of the scene's way. `paper`: a constant push. `press`: the last 2 s of a constant
@@ -55,7 +56,7 @@ pub struct Conditions {
     /// Limit instead of the scene's: an RMS in m, or `felt` for wall_hit.felt_limit_db.
     #[arg(long, value_name = "LIMIT", value_parser = one, conflicts_with = "criterion")]
     limit: Option<Limits>,
-    /// Signal of the RMS, instead of the scene's. The RMS of counts cannot resolve limits near one count.
+    /// Signal whose RMS is judged, if not the scene's. The RMS of counts cannot resolve limits near one count.
     #[arg(long, value_parser = rms_ofs())]
     rms_of: Option<RmsOf>,
     /// Criterion for a stable wall. `quiet` has its own grid of K and B, and also gives the area by the scene's own
@@ -88,7 +89,7 @@ fn one(text: &str) -> Result<Limits, String> {
 }
 
 impl Conditions {
-    /// The conditions for a ranking of estimators or changes. Before this call, the options must be
+    /// The conditions under which estimators or changes are ranked. Before this call, the options must be
     /// [applied](Self::apply) to the scene.
     ///
     /// # Errors
@@ -128,7 +129,7 @@ impl Conditions {
         scene.check().map_err(Error::Input)
     }
 
-    /// The options as text of a command line.
+    /// The options, as text of a command line.
     pub fn as_typed(&self) -> String {
         Typed(String::new())
             .maybe("limit", self.limit.as_ref())

@@ -25,24 +25,26 @@ use crate::{
 /// Designs a velocity filter for a device: one or two biquads after the finite difference, in the core's fixed point.
 /// Poles, lead and second zero are chosen for the worst of several pushes, arms and limits.
 ///
-/// A global search comes first. Then the boundaries of the best filters below several gain peaks are walked again. The
-/// result gives the areas in the worst condition. In this condition the ratio to the area of a Butterworth low-pass is
+/// A global search comes first. Then the best filters below several gain peaks are walked again. The result gives the
+/// areas in the worst condition. This is the condition in which the ratio to the area of a Butterworth low-pass is
 /// smallest. The low-pass has its best cutoff of [sweep]. A scene uses the result with estimator = "biquad" or
 /// "biquad-2".
 #[derive(Debug, Args)]
 pub struct DesignArgs {
     /// Built-in scene or scene file. The scene's estimator is not used.
     scene: String,
-    /// Largest ratio of the estimated to the true velocity, dB [default: no limit].
+    /// Largest ratio of the estimated to the true velocity at any frequency, in dB [default: no limit].
     #[arg(long, value_name = "DB", allow_negative_numbers = true)]
     gain_peak_db: Option<f64>,
-    /// Largest delay of the velocity for slow motion, s. 0: only the delay of the sample [default: no limit].
+    /// Largest delay of the velocity for slow motion, in s. With 0, only the delay of the sample is allowed [default:
+    /// no limit].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     delay: Option<f64>,
     /// Sections of second order. 1: estimator = "biquad". 2: "biquad-2", with twice the cycles.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     sections: u8,
-    /// Largest RMS of the force above 100 Hz, N, at the wall that the result names [default: no limit].
+    /// Largest RMS of the force above 100 Hz, in N. It is measured at the wall that the result names [default: no
+    /// limit].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     roughness: Option<f64>,
     /// Smallest part of the area that must remain if frequency or damping is off by a factor of 1.2 [default: no
@@ -60,7 +62,7 @@ pub struct DesignArgs {
     /// level [default: quiet; with --rms-of or --unsaturated the scene's].
     #[arg(long, value_name = "LIST", value_parser = parse)]
     limits: Option<Limits>,
-    /// Signal of the RMS, instead of the scene's. The RMS of counts cannot resolve limits near one count.
+    /// Signal whose RMS is judged, if not the scene's. The RMS of counts cannot resolve limits near one count.
     #[arg(long, value_parser = rms_ofs())]
     rms_of: Option<RmsOf>,
     /// A wall counts as stable only if no output of the window is at the actuator's limit.
@@ -180,7 +182,7 @@ impl DesignArgs {
         Ok(base)
     }
 
-    /// Every combination of push, arm and limit.
+    /// The conditions: every combination of push, arm and limit.
     fn conditions(&self, mut base: Scene) -> Result<Vec<Condition>, Error> {
         if let Some([k, b]) = self.steps.map(|steps| steps.at_handle(&base)) {
             let walk = &mut base.walk;
@@ -237,7 +239,7 @@ impl DesignArgs {
         Ok(conditions)
     }
 
-    /// The command as text of a command line.
+    /// The command, as text of a command line.
     fn typed(&self, scene: &str, budget: u32, common: &Common) -> String {
         let pushes: Option<Vec<&str>> =
             self.push.as_ref().map(|all| all.iter().map(|push| push.name()).collect());

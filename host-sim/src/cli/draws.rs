@@ -6,14 +6,14 @@ use super::shared::Typed;
 
 use crate::{error::Error, scene::NamedScene, study::probability::Draws};
 
-/// Default number of starts: of the scene's own device, and of each drawn device.
+/// Default number of starts for the scene's own device, and for each drawn device.
 const STARTS: [u32; 2] = [16, 1];
 
-/// Options for the share of starts, and of devices, at which a wall is stable.
+/// Options for the probability that a wall is stable: the share of starts and devices at which it is stable.
 #[derive(Clone, Debug, Args)]
 pub struct DrawArgs {
-    /// Probability that each wall is stable: the share of starts, spread over one count, and with --uncertain also of
-    /// devices.
+    /// Probability that each wall is stable. It is the share of starts, spread over one count, at which the wall is
+    /// stable. With --uncertain, it is the share of starts and devices.
     #[arg(long)]
     probability: bool,
     /// With --probability: draw this number of devices from the scene's [uncertainty].
@@ -29,13 +29,13 @@ impl DrawArgs {
         self.starts_each.unwrap_or(STARTS[usize::from(self.uncertain.is_some())])
     }
 
-    /// The draws. `None` without `--probability`.
+    /// The draws that the options ask for. `None` without `--probability`.
     pub fn of(&self, scene: &NamedScene) -> Result<Option<Draws>, Error> {
         let draws = || Draws::new(&scene.scene, self.uncertain.unwrap_or(0), self.starts());
         self.probability.then(draws).transpose().map_err(|error| error.of(&scene.name))
     }
 
-    /// The options as text of a command line.
+    /// The options, as text of a command line.
     pub fn as_typed(&self) -> String {
         if !self.probability {
             return String::new();

@@ -32,11 +32,11 @@ use crate::{
 pub struct ExplainArgs {
     /// Built-in scene or scene file.
     scene: String,
-    /// B at which K is compared, N s/m [default: 100, at most half of the largest B of the scene].
+    /// B at which K is compared, in N s/m [default: 100, at most half of the largest B of the scene].
     #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
     damping: Option<f64>,
-    /// Number of tunings that the search may try for each change, two walks each. With two parameters, four times as
-    /// many are allowed.
+    /// Number of tunings that the search may try for each change. Each tuning takes two walks. With two parameters,
+    /// four times as many are allowed.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(3..=1000))]
     budget: u32,
     /// Walks for the result of each search, with starts spread over one count.

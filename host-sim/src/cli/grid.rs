@@ -42,13 +42,14 @@ pub struct GridArgs {
     at: AtCutoffs,
     #[command(flatten)]
     judged: Judged,
-    /// Stiffnesses K of the wall, N/m: A,B,C or FROM:STEP:TO.
+    /// Stiffnesses K of the wall in N/m: A,B,C or FROM:STEP:TO.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     stiffnesses: List,
     #[command(flatten)]
     start: Start,
-    /// Add the largest error of the magnitude of the rendered impedance, compared with K + jwB, from 1 to 30 Hz. A sine
-    /// moves the handle inside the wall. Add also the number of stable walls within 5, 10 and 20 %.
+    /// Add the impedance error: the largest error of the rendered impedance from 1 to 30 Hz, relative to K + jwB. A
+    /// sine moves the handle inside the wall. The number of stable walls with an error below 5, 10 and 20 % is added
+    /// too.
     #[arg(long, conflicts_with = "probability")]
     impedance: bool,
     #[command(flatten)]
@@ -65,10 +66,10 @@ struct Json<'a> {
     points: u64,
     #[serde(flatten)]
     counts: Counts,
-    /// Number of stable walls within 5, 10 and 20 %. Only with `--impedance`.
+    /// Number of stable walls whose impedance error is below 5, 10 and 20 %. Only with `--impedance`.
     #[serde(skip_serializing_if = "Option::is_none")]
     usable: Option<[u64; 3]>,
-    /// Protocol of the hits. Left out for the paper's protocol.
+    /// Protocol of the hits. It is left out if it is the paper's protocol.
     #[serde(skip_serializing_if = "Option::is_none")]
     protocol: Option<&'static str>,
 }
@@ -159,11 +160,11 @@ struct ProbableJson<'a> {
     numeric: &'static str,
     points: u64,
     draws: u32,
-    /// Number of walls that are stable in at least 95 %, 50 % and 5 % of the draws.
+    /// Number of walls that are stable in at least 95 % of the draws. The next fields are for 50 % and for 5 %.
     held_by_95_percent: u64,
     held_by_50_percent: u64,
     held_by_5_percent: u64,
-    /// Share of the draws in which a wall is stable, as a mean over the walls.
+    /// Share of the draws in which a wall is stable. It is the mean over the walls.
     share: f64,
 }
 

@@ -26,10 +26,10 @@ pub struct HitArgs {
     at: AtCutoff,
     #[command(flatten)]
     judged: Judged,
-    /// Stiffness of the wall, N/m; for a rotary scene N m/rad.
+    /// Stiffness of the wall in N/m, or in N m/rad for a rotary scene.
     #[arg(long, value_name = "K", allow_negative_numbers = true)]
     stiffness: f64,
-    /// Damping of the wall, N s/m; for a rotary scene N m s/rad.
+    /// Damping of the wall in N s/m, or in N m s/rad for a rotary scene.
     #[arg(long, value_name = "B", allow_negative_numbers = true)]
     damping: f64,
     /// Write every sample as CSV.
@@ -55,24 +55,24 @@ struct Json<'a> {
     contact_fraction: f64,
     velocity_clipped_fraction: f64,
     criterion: &'static str,
-    /// Protocol of the hit. Left out for the paper's protocol.
+    /// Protocol of the hit. It is left out if it is the paper's protocol.
     #[serde(skip_serializing_if = "Option::is_none")]
     protocol: Option<&'static str>,
     rms_of: &'static str,
     rms_motion_m: f64,
     window_at_limit_fraction: f64,
-    /// Sensation level of the motion, dB. `null` if the window cannot have one.
+    /// Sensation level of the motion, in dB. `null` if the window cannot have one.
     sensation_db: Option<f64>,
     force_rms_n: f64,
     /// Penetration ratio of the window. `null` if the wall gave no force.
     penetration_ratio: Option<f64>,
     /// One entry for each push that the test of the wall needs.
     pushes: Vec<Push>,
-    /// Energy that the wall has taken in the last contact, J, from its force and the counts.
+    /// Energy that the wall has taken in the last contact, in J. It is computed from the wall's force and the counts.
     port_taken_j: f64,
-    /// Largest net energy that the wall has given in any contact, J.
+    /// Largest net energy that the wall has given in any contact, in J.
     port_given_j: f64,
-    /// Fraction of the outputs in contact that the passivity controller changed. The next field is the fraction of the
+    /// The passivity controller changed this fraction of the outputs in contact. The next field is the fraction of the
     /// force that the controller withheld.
     #[serde(skip_serializing_if = "Option::is_none")]
     port_limited_fraction: Option<f64>,

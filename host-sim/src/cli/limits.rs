@@ -21,11 +21,11 @@ use crate::{
 
 pub(super) use crate::study::limits_asked::LimitAsked as Asked;
 
-/// Sensation levels for the word `felt`, dB above `wall_hit.felt_limit_db`.
+/// Sensation levels that the word `felt` stands for, in dB above `wall_hit.felt_limit_db`.
 const LEVELS_DB: [f64; 4] = [0.0, 10.0, 20.0, 30.0];
 const NAMES: Names = Names { limits: "--limits", steps: "--steps, --starts" };
 
-/// Options for several limits side by side.
+/// Options for several limits that are studied side by side.
 #[derive(Clone, Debug, Args)]
 pub struct LimitArgs {
     /// Areas and ideal cutoff for each limit, by motor, by hand, and with the true velocity. A limit is an RMS in m at
@@ -59,7 +59,7 @@ pub(super) fn rms_ofs() -> ValueParser {
 #[derive(Clone, Debug)]
 pub(super) struct Limits(pub Vec<Asked>);
 
-/// The limits as text of a command line.
+/// Writes the limits as text of a command line.
 impl fmt::Display for Limits {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&listed(&self.0).unwrap_or_default())
@@ -70,7 +70,7 @@ impl fmt::Display for Limits {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pair(pub [f64; 2]);
 
-/// The pair as text of a command line.
+/// Writes the pair as text of a command line.
 impl fmt::Display for Pair {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self([k, b]) = self;
@@ -141,8 +141,9 @@ impl LimitArgs {
         }))
     }
 
-    /// The question that a sweep asks beside its own walks. Without `--limits`, the limit is one count; motor and hand
-    /// push in one walk each, with the scene's steps. The result is `None` with `plain` and without `--limits`.
+    /// The question that a sweep asks in addition to its own walks. Without `--limits`, the limit is one count. Motor
+    /// and hand then push in one walk each, with the scene's steps. The result is `None` if `plain` is set and
+    /// `--limits` is not given.
     pub fn or_default(
         &self,
         scene: &Scene,
@@ -177,7 +178,7 @@ impl LimitArgs {
         self.limits.is_some()
     }
 
-    /// The options as text of a command line.
+    /// The options, as text of a command line.
     pub fn as_typed(&self) -> String {
         let counts = (self.rms_of == RmsOf::Counts).then_some("counts");
         Typed(String::new())

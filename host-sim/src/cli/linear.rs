@@ -1,4 +1,5 @@
-//! `linear`: the stability boundary without quantisation, saturation and one-sided wall, with a free handle.
+//! `linear`: the stability boundary of a free handle, without quantisation, without saturation and with a two-sided
+//! wall.
 
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -63,7 +64,7 @@ struct Json<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     passivity_left_out: Option<&'a [&'static str]>,
     rows: Vec<&'a Row>,
-    /// The simulated boundary. Empty if the user has not asked for this boundary.
+    /// The simulated boundary. Empty if the user has not asked for it.
     simulated: Vec<SimulatedRow>,
 }
 
@@ -95,10 +96,11 @@ struct Row {
     gain_margin_holds: bool,
     /// Further intervals of K, above the first, in which the loop is stable: lower and upper end of each interval.
     further_stable_n_per_m: Vec<(f64, f64)>,
-    /// Number of K > 0 at which roots cross the unit circle. If there are several, the paper's method must select one.
+    /// Number of K > 0 at which roots cross the unit circle. With more than one, the paper's method must select one of
+    /// them.
     phase_crossings: usize,
-    /// Largest K for which all walls from 0 on are passive at the port of a damped mass. 0 if no wall is passive. Only
-    /// with `--passivity`.
+    /// Largest K for which all walls from 0 on are passive for a damped mass. 0 if no wall is passive. Only with
+    /// `--passivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
     stiffness_passive_n_per_m: Option<f64>,
 }
@@ -161,7 +163,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// Parts of a scene that the passivity condition leaves out. The condition is valid for a damped mass.
+/// The parts of a scene that the passivity condition leaves out. The condition is only valid for a damped mass.
 fn passivity_left_out(scene: &scene::Scene, multirate: bool) -> Vec<&'static str> {
     let linear = [
         ("actuator.period", !multirate && scene.actuator.period > 1),
@@ -187,7 +189,7 @@ fn simulated_rows(analysis: &Analysis) -> impl Iterator<Item = SimulatedRow> {
     })
 }
 
-/// A sentence for each cutoff, which explains the points of the simulated boundary.
+/// Explains the points of the simulated boundary, with a sentence for each cutoff.
 fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
     let rms_limit_m = scene.wall_hit.rms_limit_m;
     let mut text = String::new();
@@ -299,7 +301,7 @@ fn all_rows(analyses: &[Analysis]) -> impl Iterator<Item = &Row> {
     analyses.iter().flat_map(|analysis| &analysis.rows)
 }
 
-/// The curves of one cutoff: linear, passive, simulated.
+/// The curves of one cutoff: the linear, the passive and the simulated boundary.
 fn curves(scene: &NamedScene, analysis: &Analysis) -> Vec<Curve> {
     let Analysis { cutoff_hz, rows, passive_region, simulated } = analysis;
     let finite = rows.iter().filter(|row| row.stiffness_max_n_per_m.is_finite());
@@ -350,7 +352,7 @@ fn draw(
     })?)
 }
 
-/// A note if the paper's gain-margin method fails at this point, or is ambiguous.
+/// A note for a point at which the paper's gain-margin method fails or is ambiguous. Otherwise `None`.
 fn gain_margin(row: &Row) -> Option<String> {
     let several = match row.phase_crossings {
         0 | 1 => String::new(),

@@ -109,12 +109,12 @@ struct Common {
 }
 
 impl Common {
-    /// Settings for a run of hits.
+    /// How hits are run: engine, arithmetic, and the flag that stops them.
     fn how(&self) -> How<'static> {
         How { engine: self.engine, numeric: self.numeric, stop: interrupt::flag() }
     }
 
-    /// The output files of a command. An output file never replaces a file in `inputs`.
+    /// The output files of a command. They never replace a file in `inputs`.
     fn outputs(&self, inputs: &[PathBuf]) -> Result<Outputs, Error> {
         let outputs = Outputs::new(self.force, inputs);
         if self.parquet { outputs.with_parquet() } else { Ok(outputs) }
@@ -159,7 +159,7 @@ impl Command {
         matches!(self, Sweep(_) | Compare(_) | Design(_) | Explain(_) | Passivity(_) | Trade(_))
     }
 
-    /// For a command without a result folder: its name, and the options that name its files.
+    /// Name of the command, and the options that name its files. `None` for a command with a result folder.
     fn named_outputs(&self) -> Option<[&'static str; 2]> {
         Some(match self {
             Self::Hit(_) => ["hit", "--trace and --plot"],

@@ -1,4 +1,4 @@
-//! `passivity`: benefit and cost of the wall's passivity controller.
+//! `passivity`: what the wall's passivity controller gains, and what it costs.
 
 use clap::Args;
 use serde::Serialize;
@@ -40,14 +40,14 @@ pub struct PassivityArgs {
     /// Limits of the RMS of the motion in m, and `felt` for wall_hit.felt_limit_db.
     #[arg(long, value_name = "LIST", value_parser = parse, default_value = LIMITS)]
     limits: Limits,
-    /// Largest acceleration of the handle, m/s^2 [default: the scene's, else twice full scale divided by the mass].
+    /// Largest acceleration of the handle in m/s^2 [default: the scene's, else twice full scale divided by the mass].
     #[arg(long, value_name = "M_PER_S2", allow_negative_numbers = true)]
     acceleration: Option<f64>,
     /// Steps of K and B of the walks, in the scene's units. Walks start at one step [default: the scene's walk].
     #[arg(long, value_name = "K,B", value_parser = pair)]
     steps: Option<Pair>,
-    /// Times before the window for hits on the boundary's walls, s. In a longer time, a hum gets more energy [default:
-    /// the scene's and 30].
+    /// Times before the window in s, for hits on the boundary's walls. In a longer time, a hum gets more energy
+    /// [default: the scene's and 30].
     #[arg(long, value_name = "LIST", value_parser = list::parse)]
     settle: Option<List>,
     /// Number of walks, with starts spread over one count.
@@ -58,7 +58,7 @@ pub struct PassivityArgs {
 const NAMES: Names = Names { limits: "--limits", steps: "--steps" };
 const LIMITS: &str = "15e-6,1e-6";
 const CUTOFFS_HZ: [f64; 2] = [500.0, 1500.0];
-/// Time before the window of a long hit, s.
+/// Time before the window in a long hit, in s.
 const LONG_S: f64 = 30.0;
 
 const COLUMNS: &str = "\

@@ -49,7 +49,7 @@ pub struct PrepareArgs {
     starter: bool,
 }
 
-/// Time from a fault to force off, s, if the board detects the fault by itself (docs/safety.md).
+/// Time from a fault until the force is off, in s, if the board detects the fault by itself (docs/safety.md).
 const OFF_S: f64 = 3e-3;
 
 /// The settings that the board will have.
@@ -74,10 +74,10 @@ struct Json {
     sign_test_counts: u32,
     heaviest_mass_kg: f64,
     heaviest_damping_n_s_per_m: f64,
-    /// Largest energy that a contact gives with the passivity controller. `null` without the controller.
+    /// Largest energy that the wall gives in a contact with the passivity controller. `null` without the controller.
     passivity_reserve_j: Option<f64>,
-    /// Speed that the free handle has reached under full force when a fault switches the force off. The next field has
-    /// the travel of the handle.
+    /// Speed that the free handle reaches under full force until a fault has switched the force off. The next field is
+    /// the distance that the handle travels in this time.
     fault_speed_m_per_s: f64,
     fault_travel_m: f64,
     /// Voltages at rest and at full command, as fractions of the analogue supply. `null` if the input is not used.
@@ -95,7 +95,7 @@ struct Json {
 
 #[derive(Serialize)]
 struct PartJson {
-    /// Name of the design. `null` for the scene's estimator at the scene's cutoffs.
+    /// Name of the design. It is `null` for the scene's own estimator, which is prepared at the scene's cutoffs.
     design: Option<String>,
     estimator: &'static str,
     period_samples: u32,
@@ -159,13 +159,13 @@ fn quiet_walls(scene: &NamedScene, common: &Common) -> Result<QuietStudy, Error>
     found.map_err(|error| error.of(&scene.name))
 }
 
-/// Path of `NAME.device`: in the scene's folder, or in the current folder for a built-in scene.
+/// Path of the file `NAME.device`. It is in the scene's folder. For a built-in scene it is in the current folder.
 fn beside(scene: &NamedScene) -> PathBuf {
     let folder = scene.files.first().and_then(|file| file.parent()).unwrap_or(Path::new(""));
     folder.join(format!("{}.device", scene.name))
 }
 
-/// Largest speed in a starter's record, m/s.
+/// Largest speed in a starter's record, in m/s.
 const STARTER_SPEED_M_PER_S: f64 = 0.1;
 /// Assumed continuous force of the motor, as a fraction of full scale.
 const STARTER_CONTINUOUS: f64 = 0.1;
@@ -185,8 +185,8 @@ fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedS
     safety.ramp_in_s = Some(1.0);
     safety.sign_test_force = Some(STARTER_SIGN_TEST);
     safety.sign_test_counts = None;
-    // With the largest allowed mass and damping, the check of a push expects almost no motion. So every device passes
-    // this check.
+    // The check of a push expects almost no motion with the largest allowed mass and damping, so every device passes
+    // it.
     safety.heaviest_mass_kg = Some(*SafetySettings::HEAVIEST_MASS_KG.end());
     safety.heaviest_damping_n_s_per_m = Some(*SafetySettings::HEAVIEST_DAMPING_N_S_PER_M.end());
     scene.safety = Some(safety);
@@ -200,7 +200,7 @@ fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedS
     named
 }
 
-/// The board's settings in the form for people and for programs.
+/// The board's settings, as they are written for people and for programs.
 struct Said<'a> {
     named: &'a NamedScene,
     scene: &'a Scene,
@@ -213,14 +213,15 @@ struct Said<'a> {
 }
 
 impl Said<'_> {
-    /// Motion of the free handle in the sign test, counts.
+    /// Motion of the free handle in the sign test, in counts.
     fn sign_test_counts(&self) -> f64 {
         let Device { safety, design, .. } = &self.device;
         self.scene.sign_test_m(safety.sign_test_force) / design.resolution_m
     }
 
-    /// Speed, m/s, and travel, m, that the free handle reaches from rest under full force until a fault switches the
-    /// force off: F t / m and F t^2 / (2 m). Damping is left out; damping would reduce speed and travel.
+    /// Speed in m/s and travel in m that the free handle reaches from rest under full force, until a fault switches the
+    /// force off. They are F t / m and F t^2 / (2 m). Damping is left out, because it would only reduce speed and
+    /// travel.
     fn fault(&self) -> [f64; 2] {
         let speed = self.device.design.full_scale_n * OFF_S / self.scene.device.mass_kg;
         [speed, 0.5 * speed * OFF_S]
@@ -413,7 +414,7 @@ impl Said<'_> {
         lines.join("\n")
     }
 
-    /// The criterion for a stable wall in the sweeps of the envelope.
+    /// The criterion for a stable wall that the sweeps of the envelope use.
     fn judged_by(&self) -> String {
         let wall_hit = &self.scene.wall_hit;
         let limit = match wall_hit.criterion {
@@ -433,7 +434,7 @@ impl Said<'_> {
         format!("{limit}; the {} pushes ([wall_hit])", wall_hit.push_by.name())
     }
 
-    /// Lines with the guessed and the estimated values, in the keys and units of the scene's file.
+    /// Lines with the guessed values and the estimated values, in the keys and units of the scene's file.
     fn left_out(&self) -> String {
         let guessed = match self.prepared.guessed.as_slice() {
             [] => String::new(),

@@ -56,13 +56,13 @@ struct Json {
     record_hash: String,
     scene_hash: String,
     envelope_hash: String,
-    /// Radius of a rotary device's handle, m. `null` for a linear device.
+    /// Radius of a rotary device's handle in m. `null` for a linear device.
     radius_m: Option<f64>,
-    /// Which settings the copy of the sectors has. `null` without a copy.
+    /// Says which settings the copy of the sectors has. `null` without a copy.
     settings: Option<String>,
     boundaries: usize,
     rows: usize,
-    /// The record's tables in the form of a scene.
+    /// The record's tables, as a scene has them.
     scene: toml::Table,
 }
 

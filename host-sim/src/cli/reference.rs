@@ -9,7 +9,7 @@ use crate::{
     scene::{NamedScene, schema},
 };
 
-/// Prints a table of the firmware as Markdown, in the form of the book.
+/// Prints a table of the firmware as Markdown, as the book has it.
 #[derive(Debug, Args)]
 pub struct ReferenceArgs {
     list: List,
@@ -72,7 +72,7 @@ fn table(head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
     [head, rule].into_iter().chain(rows).map(|cells| line(&cells)).collect::<Vec<_>>().join("\n")
 }
 
-/// A table of options for each command. The options of all commands come first.
+/// Tables of options: first the options of all commands, then one table for each command.
 fn commands(program: &Command) -> String {
     let mut sections = vec![];
     let rows = |command: &Command, of_all: bool| {
@@ -107,7 +107,7 @@ fn commands(program: &Command) -> String {
     sections.join("\n\n")
 }
 
-/// A row for each parameter. The range comes from the error for a value out of range.
+/// A row for each parameter of an estimator. The range is read from the error for a value out of range.
 fn estimator(name: EstimatorName, design: &zwidth::Design) -> Vec<Vec<String>> {
     let defaults = name.parameters().map(|p| p.map_or(0.0, |parameter| parameter.default));
     let start = [name.id().to_string(), format!("`{}`", name.text())];

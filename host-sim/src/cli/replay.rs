@@ -28,8 +28,8 @@ pub struct ReplayArgs {
     /// Estimator [default: the scene's].
     #[arg(long, value_name = "NAME")]
     estimator: Option<String>,
-    /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, else 1500]. Other parameters are the scene's, or
-    /// defaults.
+    /// Nominal cutoff in Hz [default: `velocity.cutoff_hz` of the scene, else 1500]. Other parameters are the scene's,
+    /// or defaults.
     #[arg(long, value_name = "HZ")]
     cutoff: Option<f64>,
     /// The scene of the board.
@@ -50,7 +50,7 @@ pub struct ReplayArgs {
     plot: Option<PathBuf>,
 }
 
-/// Cutoff without `--cutoff` and `velocity.cutoff_hz`, Hz.
+/// The cutoff that is used without `--cutoff` and without `velocity.cutoff_hz`, in Hz.
 const CUTOFF_HZ: f64 = 1500.0;
 
 fn ranked(args: &ReplayArgs, reference_hz: f64, common: &Common) -> Result<(), Error> {

@@ -45,7 +45,7 @@ const LISTS: Names =
 pub struct AtCutoff {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoff of the velocity filter, Hz [default: `velocity.cutoff_hz` of the scene]. Not for estimators
+    /// Nominal cutoff of the velocity filter in Hz [default: `velocity.cutoff_hz` of the scene]. Not for estimators
     /// without a cutoff.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     cutoff: Option<f64>,
@@ -54,7 +54,8 @@ pub struct AtCutoff {
 }
 
 impl AtCutoff {
-    /// The scene and a hit on the wall `[K, B]`, in the scene's units. `None`: the first wall of the scene's walk.
+    /// Loads the scene and makes a hit on the wall `[K, B]`, in the scene's units. With `None`, the wall is the first
+    /// of the scene's walk.
     pub fn load(&self, wall: Option<[f64; 2]>) -> Result<(NamedScene, WallHit), Error> {
         let scene = NamedScene::load(&self.scene)?;
         let units = scene.scene.units;
@@ -67,13 +68,13 @@ impl AtCutoff {
     }
 }
 
-/// Subject of a hit or a walk: the first fields of the JSON object.
+/// What a hit or a walk was made with: the first fields of the JSON object.
 #[derive(Serialize)]
 pub struct Subject<'a> {
     scene: &'a str,
     numeric: &'static str,
     estimator: &'static str,
-    /// Cutoff, Hz. `null` if the estimator has no cutoff.
+    /// Cutoff in Hz. `null` if the estimator has no cutoff.
     cutoff_hz: Option<f64>,
     true_cutoff_hz: Option<f64>,
 }
@@ -95,11 +96,11 @@ impl<'a> Subject<'a> {
 pub struct AtCutoffs {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO [default: `velocity.cutoff_hz` of the scene]. Not for estimators
+    /// Nominal cutoffs in Hz: A,B,C or FROM:STEP:TO [default: `velocity.cutoff_hz` of the scene]. Not for estimators
     /// without a cutoff.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     cutoffs: Option<List>,
-    /// Dampings B of the wall, N s/m (for a rotary scene N m s/rad): A,B,C or FROM:STEP:TO.
+    /// Dampings B of the wall in N s/m (for a rotary scene in N m s/rad): A,B,C or FROM:STEP:TO.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     dampings: List,
 }
@@ -150,7 +151,7 @@ pub fn check_filters(scene: &NamedScene, filters: &[VelocitySettings]) -> Result
     filters.iter().try_for_each(|filter| asked::check_wall(scene, &wall(filter), LISTS))
 }
 
-/// The folder of a result. The files of the result are not in the folder yet.
+/// The folder of a result. Its files are still drafts, and are not in the folder yet.
 pub struct Filled {
     outputs: Outputs,
     to: FolderPlace,
@@ -158,7 +159,7 @@ pub struct Filled {
 }
 
 impl Common {
-    /// Reserves the folder of a scene's result: `--out`, or the default folder for this `kind`.
+    /// Reserves the folder for a scene's result. The folder is `--out`, or the default folder for this `kind`.
     pub fn fill(&self, scene: &NamedScene, kind: &str, files: &[&str]) -> Result<Filled, Error> {
         let default = || PathBuf::from("zwidth-out").join(&scene.name).join(kind);
         let path = self.out.clone().unwrap_or_else(default);
@@ -195,7 +196,7 @@ impl Filled {
     }
 }
 
-/// A command as text of a command line, for the manifest.
+/// A command, as text of a command line for the manifest.
 pub struct Typed(pub String);
 
 impl Typed {
@@ -218,18 +219,18 @@ impl Typed {
         if is_set { Self(format!("{} --{option}", self.0)) } else { self }
     }
 
-    /// Adds options that are text already.
+    /// Adds options that are already text.
     pub fn and(self, typed: &str) -> Self {
         Self(self.0 + typed)
     }
 
-    /// The whole text, with the engine that runs the hits.
+    /// The whole text. It includes the engine that runs the hits.
     pub fn by(self, common: &Common) -> String {
         self.with("engine", common.how().engine.name()).0
     }
 }
 
-/// Values of an option as a list. `None` without values.
+/// Joins the values of an option with commas. Returns `None` without values.
 pub fn listed<T: Display>(values: &[T]) -> Option<String> {
     let texts: Vec<String> = values.iter().map(T::to_string).collect();
     (!texts.is_empty()).then(|| texts.join(","))

@@ -46,7 +46,7 @@ struct Subject {
 struct Json<'a> {
     #[serde(flatten)]
     subject: Subject,
-    /// Number of units that this run has computed. The other units existed before.
+    /// Number of units that this run has computed. The other units were already in the folder.
     units_made: u64,
     rows: u64,
     hits: u64,
@@ -60,7 +60,7 @@ struct PlanJson {
     subject: Subject,
     scenes: u64,
     points_per_unit: u64,
-    /// Number of points in the trial.
+    /// Number of points that the trial computes.
     trial_points: u64,
     threads: usize,
     hits: f64,

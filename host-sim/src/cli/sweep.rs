@@ -48,7 +48,7 @@ use crate::{
 pub struct SweepArgs {
     /// Built-in scenes or scene files [default: both paper scenes].
     scenes: Vec<String>,
-    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO [default: the scene's].
+    /// Nominal cutoffs in Hz: A,B,C or FROM:STEP:TO [default: the scene's].
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     cutoffs: Option<List>,
     /// Walks per cutoff, with starts spread over one count.
@@ -63,11 +63,12 @@ pub struct SweepArgs {
     /// limit.
     #[arg(long, conflicts_with = "plain")]
     levers: bool,
-    /// Run the same device with these encoder rates, Hz, each with every output rate that divides the encoder rate. The
-    /// latency in seconds stays the same. Limits: as with --levers [default with --output-rates: the scene's own rate].
+    /// Run the same device with these encoder rates in Hz, each with every output rate that divides the encoder rate.
+    /// The latency in seconds stays the same. The limits are those of --levers [default with --output-rates: the
+    /// scene's own rate].
     #[arg(long, value_name = "LIST", value_parser = list::parse, conflicts_with = "plain", allow_hyphen_values = true)]
     encoder_rates: Option<List>,
-    /// Run the same device with these output rates, Hz [default with --encoder-rates: the scene's own rate].
+    /// Run the same device with these output rates in Hz [default with --encoder-rates: the scene's own rate].
     #[arg(long, value_name = "LIST", value_parser = list::parse, conflicts_with = "plain", allow_hyphen_values = true)]
     output_rates: Option<List>,
     #[command(flatten)]
@@ -81,7 +82,7 @@ pub struct SweepArgs {
 }
 
 impl SweepArgs {
-    /// The rates of the user's options. `None` without these options.
+    /// The rates that the user's options give. `None` without these options.
     fn rates(&self) -> Option<Rates> {
         let asked = self.encoder_rates.is_some() || self.output_rates.is_some();
         let of = |list: &Option<List>| list.as_ref().map(|list| list.0.clone()).unwrap_or_default();
@@ -195,7 +196,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     print_result(common.json, Json { scenes: summaries }, || tables.join("\n"))
 }
 
-/// The maps of all cutoffs. Also the firmware's contour, at the cutoff with the largest area in the worst draws.
+/// The maps of all cutoffs. Also tries the firmware's contour at the cutoff whose area in the worst draws is largest.
 fn probability(
     how: How<'_>,
     draws: &Draws,
@@ -316,7 +317,7 @@ const HEAD: &str = concat!(
     "         Hz        Hz   N^2 s/m^2                               N/m     N s/m\n",
 );
 
-/// The table for people: the range, then one line per cutoff.
+/// The table for people: first the ideal range, then one line per cutoff.
 fn table(study: &Study, folder: &str) -> String {
     let units = study.scene.scene.units;
     let [area, stiffness, damping] = ["N^2 s/m^2", "N/m", "N s/m"].map(|unit| units.written(unit));

@@ -1,4 +1,4 @@
-//! `trade`: number formats and forms of the velocity filter, and methods to advance the plant.
+//! `trade`: compares number formats and forms of the velocity filter, and methods to advance the plant.
 
 use std::fmt::Write as _;
 
@@ -31,12 +31,13 @@ use lab_trade::{
     table::{self, GoodFor},
 };
 
-/// Measures speed against accuracy: number formats and forms of the velocity filter, and methods to advance the plant.
+/// Measures how fast and how accurate different velocity filters and plant methods are. The filters differ in number
+/// format and form. The methods advance the plant by a sample.
 #[derive(Debug, Args)]
 pub struct TradeArgs {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoffs of the filters, Hz, A,B,C or FROM:STEP:TO [default: 0.1 Hz to 0.45 of the rate].
+    /// Nominal cutoffs of the filters in Hz, A,B,C or FROM:STEP:TO [default: 0.1 Hz to 0.45 of the rate].
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_negative_numbers = true)]
     cutoffs: Option<list::List>,
     /// Walks for each filter and cutoff, with starts spread over one count.
@@ -126,7 +127,7 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// The user's cutoffs: checked, sorted, each once.
+/// The user's cutoffs, after a check. They are sorted, and each is there once.
 fn cutoffs(args: &TradeArgs, scene: &NamedScene) -> Result<Vec<f64>, Error> {
     let rate_hz = scene.scene.control.rate_hz;
     let Some(list::List(asked)) = &args.cutoffs else {
@@ -189,7 +190,7 @@ fn json<'a>(
     }
 }
 
-/// One line per variant: cost, usable cutoffs, and errors at the other cutoffs. A line has at most 120 columns.
+/// One line per variant with cost, usable cutoffs, and errors at the other cutoffs. A line has at most 120 columns.
 fn filter_text(filters: &Filters, good: &[GoodFor], bench: &Bench) -> String {
     let mut text = String::from(
         "velocity filter              cycles host ns  would do, Hz         misses just beyond",

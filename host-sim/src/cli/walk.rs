@@ -43,7 +43,7 @@ struct Json<'a> {
     damping_max_n_s_per_m: f64,
     hits: u64,
     ended_by: &'static str,
-    /// Protocol of the hits. Left out for the paper's protocol.
+    /// Protocol of the hits. It is left out if it is the paper's protocol.
     #[serde(skip_serializing_if = "Option::is_none")]
     protocol: Option<&'static str>,
 }

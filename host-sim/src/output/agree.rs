@@ -1,4 +1,4 @@
-//! Output of `agree`: both walks by B, whether they agree, and the best explanation of the difference.
+//! Output of `agree`: both walks as K at each B, whether they agree, and the best explanation of the difference.
 
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ use crate::{
     study::boundary::BoundaryPoint,
 };
 
-/// A comparison of two walks, with the names for its output.
+/// A comparison of two walks, with the names that its output needs.
 #[derive(Clone, Copy, Debug)]
 pub struct AgreeReport<'a> {
     pub scene: &'a str,
@@ -79,12 +79,12 @@ impl AgreeReport<'_> {
         text
     }
 
-    /// The table of the option `--csv`.
+    /// The table that the option `--csv` writes.
     pub fn csv(&self) -> String {
         versioned(self.found.table()).csv()
     }
 
-    /// The figure: both boundaries, and the boundary of the best explanation.
+    /// The figure. It shows both boundaries, and the boundary that the best explanation predicts.
     ///
     /// # Errors
     /// The figure cannot be drawn.

@@ -43,18 +43,18 @@ pub struct FilterRow {
     area_n2_s_per_m2: f64,
     area_low_n2_s_per_m2: f64,
     area_high_n2_s_per_m2: f64,
-    /// Mean area divided by the area of a Butterworth low-pass in the same condition, at its best cutoff.
+    /// Mean area divided by the area of a Butterworth low-pass in the same condition. The low-pass has its best cutoff.
     times_butterworth: f64,
     worst_condition: String,
     gain_peak_db: f64,
-    /// Delay of the velocity for slow motion, s. Negative if the velocity leads.
+    /// Delay of the velocity for slow motion, in s. It is negative if the velocity leads.
     delay_s: f64,
     roughness_n: Option<f64>,
     mistuned_share: f64,
     capped_walks: usize,
     #[serde(flatten)]
     first: SectionRow,
-    /// Both sections of a filter with two sections.
+    /// The coefficients of both sections, if the filter has two.
     #[serde(skip_serializing_if = "Option::is_none")]
     sections: Option<Vec<SectionRow>>,
     /// The table `[velocity]` of a scene.
@@ -66,9 +66,9 @@ pub struct FilterRow {
 #[derive(Clone, Debug, Serialize)]
 pub struct ConditionRow {
     condition: String,
-    /// Rank of the filter, from 1. `null` for the Butterworth low-pass.
+    /// Rank of the filter, starting with 1. `null` for the Butterworth low-pass.
     filter: Option<usize>,
-    /// Cutoff of the Butterworth low-pass, Hz.
+    /// Cutoff of the Butterworth low-pass in Hz.
     cutoff_hz: Option<f64>,
     area_n2_s_per_m2: f64,
     area_low_n2_s_per_m2: f64,
@@ -85,7 +85,7 @@ fn as_run(biquad: &Biquad) -> SectionRow {
     SectionRow { b: [b0, b1, b2], a: [a1, a2] }
 }
 
-/// The numbers of a shape, one list for each section. The second list is empty if there is one section.
+/// The numbers that describe a shape, one list for each section. The second list is empty if there is one section.
 fn shape_cells(shape: &Shape) -> [Cells; 2] {
     let &Shape { frequency_hz, damping, lead_s, zero, second } = shape;
     let first: [(&str, f64); 4] =
@@ -109,10 +109,10 @@ fn section_cells(names: [&'static str; 5], SectionRow { b, a }: &SectionRow) -> 
     names.into_iter().zip(numbers.map(Cell::Number)).collect()
 }
 
-/// Name of the best filter in the scene that is written.
+/// Name that the best filter gets in the written scene.
 const BEST: &str = "best";
 
-/// The scene with the best filter, as the text of a file.
+/// The scene with the best filter as its estimator, as the text of a file.
 ///
 /// # Errors
 /// The scene cannot be written as TOML.
@@ -121,7 +121,7 @@ pub fn best_scene(scene: &Scene, study: &Designs) -> Result<String, String> {
     let settings = best.shape.settings();
     let mut scene = with_filter(scene, &settings);
     scene.sweep.cutoffs_hz = vec![best.shape.frequency_hz];
-    // If a design of the scene has the same filter, this design keeps its name.
+    // if a design of the scene already has this filter, the design keeps its name
     scene.designs.remove(BEST);
     let known = scene.designs.values().any(|design| design.settings() == Some(settings));
     if !known && scene.designs.len() < DESIGNS_MAX {
@@ -354,7 +354,7 @@ impl Designs {
         text
     }
 
-    /// Three plots of the area: over the gain peak, over the roughness, and over the loss of a mistuned filter.
+    /// Three plots of the area. Their x axes are the gain peak, the roughness, and the loss of a mistuned filter.
     ///
     /// # Errors
     /// The figure cannot be drawn.

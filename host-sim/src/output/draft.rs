@@ -11,8 +11,8 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-/// Start of the names of drafts and backups; the constants below are the ends of these names. A backup stays until the
-/// result is complete.
+/// The names of drafts and backups start with this text. The constants below are the ends of these names. A backup
+/// stays until the result is complete.
 const PREFIX: &str = ".zwidth-";
 const DRAFT: &str = ".draft";
 const BACKUP: &str = ".backup";
@@ -24,7 +24,7 @@ const ATTEMPTS: usize = 100;
 #[derive(Default)]
 pub(super) struct Traces {
     files: Vec<PathBuf>,
-    /// Folders that this process has made, the outermost first.
+    /// Folders that this process has made. The outermost folder is first.
     folders: Vec<PathBuf>,
 }
 
@@ -55,7 +55,7 @@ pub fn abandon() {
     std::mem::forget(traces);
 }
 
-/// Makes a folder and its parents. Returns the new folders, the outermost first.
+/// Makes a folder and its parents. Returns the new folders. The outermost folder is first.
 pub(super) fn make_folder(folder: &Path) -> io::Result<Vec<PathBuf>> {
     let is_new = |path: &&Path| *path != Path::new("") && !path.exists();
     let mut new: Vec<PathBuf> =
@@ -69,7 +69,7 @@ pub(super) fn make_folder(folder: &Path) -> io::Result<Vec<PathBuf>> {
     made.map(|()| new)
 }
 
-/// Removes empty folders, the innermost first.
+/// Removes those folders that are empty. The innermost folder is removed first.
 pub(super) fn remove_folders(folders: &[PathBuf]) {
     for folder in folders.iter().rev() {
         let _ = fs::remove_dir(folder);
@@ -77,7 +77,7 @@ pub(super) fn remove_folders(folders: &[PathBuf]) {
     }
 }
 
-/// Path for a draft or a backup, in the folder of `place`.
+/// A path for a draft or a backup. It is in the same folder as `place`.
 fn beside(place: &Path, ending: &str) -> PathBuf {
     let mut name = OsString::from(PREFIX);
     name.push(place.file_name().unwrap_or_default());
@@ -89,7 +89,7 @@ fn backup_of(place: &Path) -> PathBuf {
     beside(place, BACKUP)
 }
 
-/// A draft with a locked file.
+/// A draft, with its file open and locked.
 #[derive(Debug)]
 pub(super) struct Draft {
     pub(super) path: PathBuf,
@@ -97,7 +97,7 @@ pub(super) struct Draft {
 }
 
 impl Draft {
-    /// A new, empty draft for the path `place`. `None` if another program has a draft for this path.
+    /// Makes a new, empty draft for the path `place`. Returns `None` if another program has a draft for this path.
     pub(super) fn new(place: &Path) -> io::Result<Option<Self>> {
         let path = beside(place, DRAFT);
         for _ in 0..ATTEMPTS {
@@ -108,7 +108,7 @@ impl Draft {
                         traces.files.push(path.clone());
                         return Ok(Some(Self { path, file }));
                     }
-                    // Another program removed the draft as a left-over, before this program locked it.
+                    // another program took the draft for a left-over, and removed it before this program locked it
                 }
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                     drop(traces);
@@ -191,14 +191,14 @@ fn is_at(file: &File, path: &Path) -> bool {
     }
 }
 
-/// Whether both are metadata of the same file, possibly under different paths.
+/// Whether both are metadata of the same file. The file may have several paths.
 #[cfg(unix)]
 pub(super) fn is_same(one: &fs::Metadata, other: &fs::Metadata) -> bool {
     use std::os::unix::fs::MetadataExt as _;
     (one.dev(), one.ino()) == (other.dev(), other.ino())
 }
 
-/// Only on Unix do the metadata identify a file. On other systems the caller compares the paths.
+/// The metadata identify a file only on Unix. On other systems the caller compares the paths.
 #[cfg(not(unix))]
 pub(super) fn is_same(_: &fs::Metadata, _: &fs::Metadata) -> bool {
     false
@@ -207,9 +207,10 @@ pub(super) fn is_same(_: &fs::Metadata, _: &fs::Metadata) -> bool {
 /// Restores the older files if not all new files could be moved to their paths.
 #[derive(Default)]
 pub(super) struct Undo {
-    /// Older files and their backups. The backups are locked, so that other programs do not remove them as left-overs.
+    /// Older files and their backups. The backups are locked, so that other programs do not take them for left-overs
+    /// and remove them.
     kept: Vec<(PathBuf, PathBuf, File)>,
-    /// New files at their final paths.
+    /// New files that are already at their final paths.
     placed: Vec<PathBuf>,
 }
 

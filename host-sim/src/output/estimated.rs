@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{error::Error, scene::Scene};
 
-/// The result of a scene in its units, with the keys of its estimated values.
+/// A result in the units of its scene, together with the keys of the scene's estimated values.
 #[derive(Serialize)]
 struct Marked<T: Serialize> {
     #[serde(flatten)]
@@ -22,7 +22,8 @@ pub fn marked<T: Serialize>(scene: &Scene, body: T) -> impl Serialize {
     Marked { body: InUnits(scene.units, body), estimated: scene.estimated_keys() }
 }
 
-/// Prints the result of a command. With `--json` one object is printed, otherwise the text and a note below the text.
+/// Prints the result of a command. With `--json`, one object is printed. Otherwise the text is printed, with a note
+/// below it.
 pub fn print_of(
     json: bool,
     scene: &Scene,
@@ -35,7 +36,7 @@ pub fn print_of(
     })
 }
 
-/// [`print_of`] for a text that is sent to a board's console. The note is a comment before the text.
+/// The same as [`print_of`], for a text that is sent to a board's console. The note is a comment before the text.
 pub fn print_console_of(
     json: bool,
     scene: &Scene,

@@ -15,15 +15,16 @@ use crate::{
 };
 use sim_studies::table::Cell;
 
-/// A noise as text, for any order of magnitude.
+/// A noise as text. The form suits numbers of any order of magnitude.
 fn noise(value: f64) -> String {
     if (0.01..1e4).contains(&value) { digits(value) } else { format!("{value:.2e}") }
 }
 
-/// Number of changes whose boundaries are in the figure.
+/// The figure shows the boundaries of this many changes.
 const DRAWN: usize = 4;
 
-/// Factor of the area, with its range. A `?` means that the start positions cannot distinguish the factor from 1.
+/// The factor by which the area changes, with its range. A `?` means that the start positions cannot distinguish the
+/// factor from 1.
 fn times(row: &Row<'_>) -> String {
     let Some(times) = row.times() else { return String::new() };
     let [mean, low, high] = times.map(digits);
@@ -37,7 +38,7 @@ fn area(row: &Row<'_>, times: f64) -> String {
     format!("{cut}{}", digits(row.one.area()[0] * times))
 }
 
-/// Share of the core's time, in percent.
+/// Share of the core's time that the estimator takes, in percent.
 fn share(row: &Row<'_>) -> String {
     row.share_of_core().map_or("?".into(), |share| format!("{:.2}", 100.0 * share))
 }
@@ -58,16 +59,16 @@ fn cells(row: &Row<'_>, [area, k, v]: [f64; 3]) -> [String; 10] {
     ]
 }
 
-/// An explanation, with the names for its output.
+/// An explanation, with the names that its output needs.
 pub struct ExplainReport<'a> {
     pub scene: &'a str,
-    /// Name of the criterion of the search.
+    /// Name of the criterion that the search used.
     pub criterion: &'static str,
     pub units: Units,
     pub found: &'a Explanation,
 }
 
-/// Units in the tables for people, with the factors of the numbers.
+/// The units that tables for people use, and the factor of the numbers for each unit.
 struct Spoken {
     k: (&'static str, f64),
     v: (&'static str, f64),
@@ -75,7 +76,7 @@ struct Spoken {
     area: f64,
 }
 
-/// Exponent of the largest power of 1000 that is not above the number.
+/// Exponent of the largest power of 1000 that is at most the number.
 fn thousands(value: f64) -> f64 {
     3.0 * (value.log10() / 3.0).floor()
 }
@@ -86,7 +87,7 @@ impl ExplainReport<'_> {
         let (unit, factor) = self.units.written("N² s/m²");
         let Explanation { base, changes, .. } = self.found;
         let areas = [base].into_iter().chain(changes).map(|one| one.area()[0] * factor);
-        // the scene's own area determines the exponent, or the first area above 0 if the scene's own area is 0
+        // The exponent follows from the scene's own area. If that is 0, it follows from the first area above 0.
         let power = areas.into_iter().find(|area| *area > 0.0).map_or(0.0, thousands);
         let area_unit = if power == 0.0 { unit.into() } else { format!("10^{power} {unit}") };
         Spoken { k, v, area_unit, area: factor / 10f64.powf(power) }
@@ -150,7 +151,7 @@ impl ExplainReport<'_> {
         report::table(&columns, rows)
     }
 
-    /// The figure: boundaries of the scene and of the best changes.
+    /// The figure. It shows the boundaries of the scene and of the best changes.
     ///
     /// # Errors
     /// The figure cannot be drawn.

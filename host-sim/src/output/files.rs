@@ -1,8 +1,8 @@
 //! Writes all results. Either all files of a command appear, or none. Each file is first written to a draft beside its
 //! final path, and flushed. Then all drafts are renamed.
 //!
-//! First all links in a path are resolved. The path must not be an input or another result, and no other program may
-//! write to this path at the same time.
+//! First, all links in a path are resolved. The resolved path must not be an input or another result. No other program
+//! may write to it at the same time.
 
 use std::{
     fs::{self, File},
@@ -35,9 +35,9 @@ pub struct Outputs {
     inputs: Vec<PathBuf>,
     files: Vec<Output>,
     folders: Vec<Folder>,
-    /// Folders that were searched for drafts of killed programs.
+    /// Folders that were already searched for drafts of killed programs.
     cleaned: Vec<PathBuf>,
-    /// Folders that this command has made, the outermost first.
+    /// Folders that this command has made. The outermost folder is first.
     created: Vec<PathBuf>,
     /// Whether the tables in a folder are also written as Parquet.
     parquet: bool,
@@ -59,7 +59,7 @@ struct Output {
     place: PathBuf,
     draft: io::BufWriter<Draft>,
     is_written: bool,
-    /// CSV text, and the format to which the complete text is converted.
+    /// The CSV text of a table, and the format to which the complete text is converted.
     table: Option<(Format, About, String)>,
 }
 
@@ -67,7 +67,7 @@ struct Output {
 struct Folder {
     shown: PathBuf,
     units: Units,
-    /// Names of all files that a result may have.
+    /// Names of all files that this result may have.
     possible: Vec<String>,
     manifest: Place,
     /// Text of the manifest. The tables in `tables` also contain this text.
@@ -76,7 +76,7 @@ struct Folder {
 }
 
 impl Outputs {
-    /// No files yet. Existing files are only replaced with `force`. The command's `inputs` are never replaced.
+    /// Starts without files. Existing files are only replaced with `force`. The command's `inputs` are never replaced.
     pub fn new(force: bool, inputs: &[PathBuf]) -> Self {
         let (files, folders, cleaned, created) = (vec![], vec![], vec![], vec![]);
         let (inputs, parquet) = (inputs.to_vec(), false);
@@ -96,8 +96,8 @@ impl Outputs {
     /// Reserves a file. The file appears after [`commit`](Self::commit).
     ///
     /// # Errors
-    /// [`Error::Input`] if the file cannot be written, exists, is an input or another output, or if another program
-    /// writes the file.
+    /// [`Error::Input`] if the file cannot be written, already exists, is an input or another output, or is being
+    /// written by another program.
     pub fn file(&mut self, path: &Path) -> Result<Place, Error> {
         let (place, draft) = self.reserve(path)?;
         self.refuse(path, &place, None)?;
@@ -151,8 +151,8 @@ impl Outputs {
         self.option(path)
     }
 
-    /// Reserves a folder for a result: the manifest, and any of the files `possible`. A name without an ending is a
-    /// figure. Tables are converted to the given units.
+    /// Reserves a folder for a result. The folder can have the manifest and any of the files `possible`. A name without
+    /// an ending is a figure. Tables are converted to the given units.
     ///
     /// # Errors
     /// The errors of [`file`](Self::file), and [`Error::Input`] if one of these files exists and `force` is not set.
@@ -275,7 +275,7 @@ impl Outputs {
         self.put(to, &format!("{stem}.png"), &figure.png()?)
     }
 
-    /// Makes a draft for `path`. Returns the real path and the draft.
+    /// Makes a draft for `path`. Returns the resolved path and the draft.
     fn reserve(&mut self, path: &Path) -> Result<(PathBuf, Draft), Error> {
         let folder = folder_of(path);
         let unwritable = |error: io::Error| {
@@ -308,7 +308,7 @@ impl Outputs {
         Error::Input(format!("{path} and {other} are the same file, and would be written twice"))
     }
 
-    /// Checks that a path may be written. For a file in a result folder, `of` is its folder and its name.
+    /// Checks that a path may be written. If the file is in a result folder, `of` has this folder and the file's name.
     fn refuse(&self, path: &Path, place: &Path, of: Option<(&Path, &str)>) -> Result<(), Error> {
         let shown = path.display();
         let Ok(found) = fs::symlink_metadata(place) else {
@@ -453,7 +453,7 @@ fn is_svg(path: &Path) -> Result<bool, Error> {
     }
 }
 
-/// JSON in the form of files.
+/// A value as JSON, in the form that files have.
 pub fn json(value: &impl serde::Serialize) -> Result<String, Error> {
     let text = serde_json::to_string_pretty(value);
     text.map(|text| text + "\n")

@@ -18,7 +18,7 @@ const HEADER_WITH_IMPEDANCE: &str =
     "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,verdict,rms_m,impedance_error\n";
 const OUT_OF_RANGE: &str = "out_of_range";
 
-/// Number of walls with each result.
+/// How many walls have each result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
     pub stable: u64,
@@ -37,7 +37,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// A grid in these units. `impedance` adds columns for the error of the impedance.
+    /// An empty grid in these units. `impedance` adds columns for the error of the impedance.
     pub fn new(units: Units, impedance: bool) -> Self {
         let header = if impedance { HEADER_WITH_IMPEDANCE } else { HEADER };
         let columns = Columns::new(units, header);
@@ -48,7 +48,7 @@ impl Grid {
         &self.columns.header
     }
 
-    /// The row of a wall, and whether the wall is stable.
+    /// Makes the row of a wall. Also returns whether the wall is stable.
     ///
     /// # Errors
     /// The hit has failed.

@@ -1,5 +1,5 @@
-//! Converts results to the units of their scene: rad and N m for a rotary scene. Within the program all values are in m
-//! and N. Names of columns and keys end in their unit, so one conversion is enough for all results.
+//! Converts results to the units of their scene, for example to rad and N m for a rotary scene. Within the program all
+//! values are in m and N. The names of columns and keys end in their unit, so one conversion is enough for all results.
 
 use std::fmt::{self, Write as _};
 
@@ -12,7 +12,7 @@ use serde_json::Number;
 
 use crate::scene::Units;
 
-/// Columns of areas in tables of version 1. Their names have no unit.
+/// Columns of areas, as tables of version 1 name them. The names have no unit.
 pub(super) const AREAS: [&str; 3] = ["area", "area_low", "area_high"];
 const AREA: &str = "area_n2_s_per_m2";
 
@@ -113,7 +113,7 @@ impl Ordered {
             (Self::Table(Pairs(pairs)), factor) => {
                 let told = |(key, value): (String, Self)| match units.key(&key) {
                     Some((renamed, factor)) => (renamed, value.told(units, Some(factor))),
-                    // The ends of an interval have the unit of the key that contains them.
+                    // the ends of an interval have the unit of the key above them
                     None => (key, value.told(units, factor)),
                 };
                 Self::Table(Pairs(pairs.into_iter().map(told).collect()))

@@ -25,11 +25,11 @@ use crate::{
 #[derive(Clone, Debug)]
 pub struct LeverStudy {
     pub question: LeverQuestion,
-    /// Results for each loop, limit and push.
+    /// One result for each loop, limit and push.
     pub results: Vec<LeverResult>,
 }
 
-/// One loop with one limit and push, in `summary.json`.
+/// The result of one loop with one limit and push, in `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct LeverSummary {
     #[serde(rename = "loop")]
@@ -63,7 +63,7 @@ fn stiffness(n_per_m: f64) -> String {
     )
 }
 
-/// Cells with the output period and the latency of a loop.
+/// Cells that give the output period and the latency of a loop.
 pub(super) fn actuator_cells(scene: &Scene) -> [(&'static str, Cell); 2] {
     [
         ("output_period_samples", Cell::Whole(scene.actuator.period.into())),
@@ -147,7 +147,7 @@ impl LeverStudy {
         self.results.iter().map(summary).collect()
     }
 
-    /// The tables for people, one for each limit and push. A sentence after the tables says what limits the scene's
+    /// The tables for people, one for each limit and push. After the tables, a sentence says what limits the scene's
     /// walls first.
     pub fn text(&self) -> String {
         let mut text = String::from(
@@ -257,8 +257,8 @@ impl LeverStudy {
     pub const CAPTION: &str = "The area at the ideal cutoff where the same device acts sooner and more often, and what an \
                                amplifier and a transmission leave of it.";
 
-    /// The figure: area at the ideal cutoff over the output period, with one panel for each limit. The push is the
-    /// motor's push.
+    /// The figure. It shows the area at the ideal cutoff over the output period, with one panel for each limit. Only
+    /// results with the motor's push are shown.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let Some(&push) = self.question.pushes.first() else { return Ok(None) };
         let mut loops: Vec<&str> = vec![];
@@ -284,8 +284,8 @@ impl LeverStudy {
         self.panels(scene, texts, push, series)
     }
 
-    /// A line of areas at the ideal cutoff over `x_of` of each loop, in a panel for each limit. Loops with `None` are
-    /// not on the line.
+    /// A line that shows the area at the ideal cutoff of each loop, with a panel for each limit. `x_of` gives the x of
+    /// a loop. Loops for which it returns `None` are not on the line.
     pub(super) fn line(
         &self,
         name: String,
@@ -306,7 +306,8 @@ impl LeverStudy {
         TradeSeries { name, colour, mark, points }
     }
 
-    /// The lines in one panel for each limit, with this title, legend and axis. `None` if there are no points.
+    /// Draws the lines in one panel for each limit, with this title, legend and axis. Returns `None` if there are no
+    /// points.
     pub(super) fn panels(
         &self,
         scene: &str,
@@ -338,7 +339,7 @@ fn area(walked: &Walked) -> String {
     format!("{cut}{}", millions(walked.boundaries.area()))
 }
 
-/// Area at the ideal cutoff, and its range.
+/// Area at the ideal cutoff and the range of this cutoff, as text.
 pub(super) fn cell(result: &LeverResult) -> String {
     let Some(ideal) = result.sweep.ideal else { return "no stable wall".into() };
     let area = result.best().map_or(String::new(), area);

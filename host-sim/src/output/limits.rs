@@ -21,9 +21,9 @@ use crate::{
     },
 };
 
-/// Unit of areas in the tables, N^2 s/m^2.
+/// Areas in the tables for people are divided by this number, so their unit is 10^6 N^2 s/m^2.
 const MILLION: f64 = 1e6;
-/// Cells with the limit, estimator and cutoff of a row. A row without a cutoff is for the true velocity.
+/// Cells that give the limit, estimator and cutoff of a row. A row without a cutoff is for the true velocity.
 pub(super) fn limit_cells(limit: Limit, cutoff_hz: Option<f64>) -> [(&'static str, Cell); 4] {
     let (value, unit) = limit.told();
     let estimator = if cutoff_hz.is_some() { "scene" } else { "true-velocity" };
@@ -35,7 +35,7 @@ pub(super) fn limit_cells(limit: Limit, cutoff_hz: Option<f64>) -> [(&'static st
     ]
 }
 
-/// Cells with the number of walks and the grid of the walks.
+/// Cells that give the number of walks and the grid of K and B on which they walk.
 pub(super) fn walk_cells(walks: u64, walk: &Walk) -> impl Iterator<Item = (&'static str, Cell)> {
     let grid = GRID.into_iter().zip(grid(walk).map(Cell::Number));
     [("walks", Cell::Whole(walks))].into_iter().chain(grid)
@@ -84,7 +84,7 @@ fn share(area: f64, result: &LimitResult) -> Option<f64> {
     result.told_area().filter(|told| *told > 0.0).map(|told| area / told)
 }
 
-/// The grid of the walks as text for people.
+/// The grid of K and B on which the walks go, as text for people.
 pub(super) fn grid_text(walk: &Walk) -> String {
     let [k, dk, k_max, b, db, b_max] = grid(walk);
     format!("K from {k} by {dk} to {k_max} N/m, B from {b} by {db} to {b_max} N s/m")
@@ -191,8 +191,8 @@ impl LimitStudy {
                                RMS, and for each multiple of what a hand feels (a model, unless wall_hit.felt_curve names \
                                a curve).";
 
-    /// The figure: ideal cutoff over the limit, with the scene's own hand. One panel has the RMS limits, the other
-    /// panel the sensation levels.
+    /// The figure. It shows the ideal cutoff over the limit. The hand is the scene's own. One panel has the RMS limits,
+    /// the other panel has the sensation levels.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let kinds = [false, true].into_iter().filter(|felt| {
             self.results.iter().any(|result| matches!(result.limit, Limit::Felt(_)) == *felt)

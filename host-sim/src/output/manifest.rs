@@ -10,11 +10,11 @@ pub struct Manifest {
     pub version: &'static str,
     /// Commit of the build, or `unknown`.
     pub git_commit: &'static str,
-    /// Whether tracked files differed from this commit. `null` if this is unknown.
+    /// Whether tracked files differed from this commit. It is `null` if this is unknown.
     pub git_dirty: Option<bool>,
     pub toolchain: &'static str,
     pub target: &'static str,
-    /// Arguments of the command that affect the result.
+    /// The arguments of the command, if they affect the result.
     pub command: String,
     /// Name of the scene. `None` if the result has no named scene.
     pub scene: Option<String>,
@@ -60,7 +60,7 @@ impl Manifest {
         }
     }
 
-    /// Names and values for people.
+    /// The facts as pairs of name and value, for people.
     pub fn facts(&self) -> Vec<(String, String)> {
         [
             ("command", self.command.as_str()),

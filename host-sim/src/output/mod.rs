@@ -35,7 +35,7 @@ use crate::study::{boundary::Boundaries, sweep::Ideal};
 /// Version of all JSON objects that the commands print or write. From version 2 on, the names of areas have their unit.
 pub const SCHEMA_VERSION: u32 = 2;
 
-/// The table with the version in an additional last column.
+/// Adds the version to a table, as the last column.
 fn versioned(mut table: Table) -> Table {
     table.columns.push(Column { name: "schema_version".into(), kind: Kind::Whole });
     table.rows.iter_mut().for_each(|row| row.push(Cell::Whole(SCHEMA_VERSION.into())));
@@ -45,7 +45,7 @@ fn versioned(mut table: Table) -> Table {
 /// Cells of a row, each with the name of its column.
 type Cells = Vec<(&'static str, Cell)>;
 
-/// Rows as CSV. All rows have the columns of the first row.
+/// Writes rows as CSV. All rows must have the columns of the first row.
 fn csv_of(rows: impl IntoIterator<Item = Cells>) -> String {
     let mut text = String::new();
     for row in rows {
@@ -62,7 +62,7 @@ fn version() -> (&'static str, Cell) {
     ("schema_version", Cell::Whole(SCHEMA_VERSION.into()))
 }
 
-/// Cells with the mean, smallest and largest area of the walks.
+/// Cells that give the mean, the smallest and the largest area of the walks.
 fn area_cells(boundaries: &Boundaries) -> [(&'static str, Cell); 3] {
     let [low, high] = boundaries.area_range();
     [
@@ -72,7 +72,7 @@ fn area_cells(boundaries: &Boundaries) -> [(&'static str, Cell); 3] {
     ]
 }
 
-/// Cells with the largest stiffness and damping of the walks, and the number of capped walks.
+/// Cells that give the largest stiffness, the largest damping and the number of capped walks.
 fn reach_cells(boundaries: &Boundaries) -> [(&'static str, Cell); 3] {
     [
         ("stiffness_peak_n_per_m", boundaries.stiffness_peak_n_per_m().into()),

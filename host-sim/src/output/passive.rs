@@ -25,9 +25,9 @@ pub struct PassiveArea {
     area_high_n2_s_per_m2: f64,
     stiffness_peak_n_per_m: f64,
     capped_walks: usize,
-    /// Hits at the boundary without the controller.
+    /// Hits on the boundary's walls without the controller.
     at_boundary_without: Hits,
-    /// Hits at the boundary with the controller. `None` if the controller is off.
+    /// Hits on the boundary's walls with the controller. `None` if the controller is off.
     at_boundary_with: Option<Hits>,
 }
 
@@ -43,7 +43,7 @@ pub fn lengths_csv(study: &PassiveStudy) -> String {
     versioned(study.length_table()).csv()
 }
 
-/// The figure: boundaries for the first limit, without and with the controller.
+/// The figure. It shows the boundaries for the first limit, without and with the controller.
 ///
 /// # Errors
 /// The figure cannot be drawn.

@@ -21,7 +21,7 @@ use crate::{
     },
 };
 
-/// Shares of the draws. There is a contour for each share.
+/// For each of these shares of the draws there is a contour: the walls that are stable in at least this share.
 const SHARES: [f64; 3] = [0.05, 0.5, 0.95];
 
 /// The confidence interval of the area in the worst 5 % of the draws, as text for people.
@@ -37,16 +37,16 @@ fn interval(c: &CutoffProbability) -> String {
 pub struct ProbabilityStudy {
     /// One map per cutoff, in ascending order.
     pub maps: Vec<Map>,
-    /// Conclusions of the draws about the cutoffs.
+    /// What the draws say about the cutoffs.
     pub verdicts: Verdicts,
-    /// The firmware's contour, at the cutoff with the largest area in the worst draws.
+    /// The firmware's contour. It was tried at the cutoff whose area in the worst draws is largest.
     pub tried: Option<Tried>,
 }
 
 #[derive(Clone, Debug, Serialize)]
 pub struct ProbabilitySummary {
     draws: u32,
-    /// Cutoff with the largest area in the worst 5 % of the draws. `null` if this area has no lower bound.
+    /// The cutoff whose area in the worst 5 % of the draws is largest. `null` if this area has no lower bound.
     recommended_cutoff_hz: Option<f64>,
     /// Cutoffs that the draws cannot distinguish from the recommended cutoff.
     alike_hz: Vec<f64>,
@@ -59,7 +59,7 @@ struct CutoffProbability {
     cutoff_hz: f64,
     area_n2_s_per_m2: f64,
     area_5_percent_n2_s_per_m2: f64,
-    /// 95 % confidence interval of the area in the worst 5 % of the draws. `null` with too few devices.
+    /// 95 % confidence interval of the area in the worst 5 % of the draws. `null` if there are too few devices.
     area_5_percent_low_n2_s_per_m2: Option<f64>,
     area_5_percent_high_n2_s_per_m2: Option<f64>,
     area_50_percent_n2_s_per_m2: f64,
@@ -89,7 +89,7 @@ impl ProbabilityStudy {
         self.verdicts.leading.and_then(|place| self.maps.get(place))
     }
 
-    /// The leading cutoff. `None` if its confidence interval does not support a recommendation.
+    /// The leading cutoff, as a recommendation. `None` if its confidence interval does not support a recommendation.
     fn recommended_hz(&self) -> Option<f64> {
         let is_borne = |map: &&Map| map.devices == 0 || map.interval(WORST)[0].is_some();
         self.leading().filter(is_borne).map(|map| map.cutoff_hz)
@@ -180,7 +180,7 @@ impl ProbabilityStudy {
         text
     }
 
-    /// The fitted contour at the leading cutoff, in the form for the firmware.
+    /// The fitted contour at the leading cutoff, as the firmware needs it.
     pub fn envelope(&self) -> Vec<Envelope> {
         let tried = self.tried.as_ref().zip(self.leading());
         let of = |(tried, map): (&Tried, &Map)| Envelope {
@@ -190,7 +190,7 @@ impl ProbabilityStudy {
         tried.map(of).into_iter().collect()
     }
 
-    /// The contours at the leading cutoff.
+    /// The figure with the contours at the leading cutoff.
     ///
     /// # Errors
     /// The figure cannot be drawn.

@@ -15,7 +15,7 @@ use crate::{
     study::levers::{Lever, LeverResult},
 };
 
-/// One pair of rates with one limit and push, in `summary.json`.
+/// The result of one pair of rates with one limit and push, in `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct RateSummary {
     encoder_rate_hz: f64,
@@ -34,13 +34,14 @@ pub struct RateSummary {
 #[derive(Clone, Debug)]
 pub struct RateStudy(pub LeverStudy);
 
-/// Encoder rate and output rate, Hz.
+/// Encoder rate and output rate of a scene, in Hz.
 fn rates(scene: &Scene) -> [f64; 2] {
     let encoder_hz = scene.control.rate_hz;
     [encoder_hz, encoder_hz / f64::from(scene.actuator.period)]
 }
 
-/// Rates of all loops, sorted, each once. `which` is 0 for the encoder rate, 1 for the output rate.
+/// The rates of all loops, sorted. Each rate is there once. `which` is 0 for the encoder rate and 1 for the output
+/// rate.
 fn axis(study: &LeverStudy, which: usize) -> Vec<f64> {
     let all: Vec<f64> =
         study.question.levers.iter().map(|lever| rates(&lever.scene)[which]).collect();
@@ -119,8 +120,8 @@ impl RateStudy {
 
     pub const CAPTION: &str = "The area at the ideal cutoff where the same device looks and acts more or less often, the latency the same.";
 
-    /// The figure: area at the ideal cutoff over the output rate. Each line belongs to an encoder rate, each panel to a
-    /// limit. The push is the motor's push.
+    /// The figure. It shows the area at the ideal cutoff over the output rate. Each line belongs to an encoder rate,
+    /// each panel to a limit. Only results with the motor's push are shown.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let Some(&push) = self.0.question.pushes.first() else { return Ok(None) };
         let line = |(n, encoder): (usize, f64)| {

@@ -1,4 +1,4 @@
-//! The recommended cutoff, for every form of output.
+//! The recommended cutoff, as all outputs show it.
 
 use serde::Serialize;
 
@@ -11,7 +11,7 @@ use crate::{
     },
 };
 
-/// Key `recommended` of a JSON object: the recommendation, or the reason why there is none.
+/// The key `recommended` of a JSON object. It has the recommendation, or the reason why there is none.
 #[derive(Clone, Debug, Serialize)]
 pub struct Answer {
     recommended: Option<Row>,
@@ -24,7 +24,7 @@ struct Row {
     cutoff_hz: f64,
     range_hz: [f64; 2],
     criterion: &'static str,
-    /// K and B of the stiffest wall.
+    /// K and B of the stiffest wall that is stable.
     stiffness_n_per_m: f64,
     damping_n_s_per_m: f64,
     /// Largest B of all walls.
@@ -32,7 +32,7 @@ struct Row {
     area_n2_s_per_m2: f64,
     is_capped: bool,
     reason: String,
-    /// Lower end of the Z-width: the free motion.
+    /// Lower end of the Z-width, where the handle moves freely.
     #[serde(skip_serializing_if = "Option::is_none")]
     free_motion: Option<FreeMotion>,
     protocols: Vec<ProtocolRow>,
@@ -141,7 +141,7 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
     [dial_in, has].into_iter().chain(elsewhere).chain(free).chain([next]).collect()
 }
 
-/// A sentence on whether the stiffest wall is also quiet in the other protocols.
+/// A sentence that says whether the stiffest wall is also quiet in the other protocols.
 fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<String> {
     let stiffness = of.stiffest.stiffness_n_per_m;
     let said = |protocol: Protocol| match protocol {

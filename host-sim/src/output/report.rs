@@ -41,7 +41,7 @@ pub struct Report {
     pub ideal_cutoff_hz: Option<f64>,
     /// First and last nominal cutoff that the repeats cannot distinguish from the ideal cutoff.
     pub ideal_cutoff_range_hz: Option<[f64; 2]>,
-    /// The recommended cutoff. Without a recommended cutoff, the ideal cutoff is the answer.
+    /// The recommended cutoff as the answer. If it is `None`, the ideal cutoff is the answer.
     pub answer: Option<String>,
     pub figures: Vec<ReportFigure>,
     pub units: Units,
@@ -50,7 +50,7 @@ pub struct Report {
     pub texts: Vec<(&'static str, String)>,
     pub notes: Vec<String>,
     pub scene: String,
-    /// Origin of the report as names and values: version, toolchain, command.
+    /// Where the report comes from, as names and values: version, toolchain, command.
     pub provenance: Vec<(String, String)>,
 }
 
@@ -58,7 +58,7 @@ pub struct Report {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReportFigure {
     pub figure: Figure,
-    /// Content of the figure, as a sentence.
+    /// What the figure shows, as a sentence.
     pub caption: String,
 }
 

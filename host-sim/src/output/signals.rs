@@ -13,9 +13,9 @@ use crate::{
     interrupt,
 };
 
-/// Time in which a command should end. The sum with [`LAST_WORDS`] is well below a second.
+/// A command should end within this time. This time and [`LAST_WORDS`] together are well below a second.
 const GRACE: Duration = Duration::from_millis(400);
-/// Time to print the error message. The reader of stderr may hang.
+/// Time in which the error message must be printed, because the reader of stderr may hang.
 const LAST_WORDS: Duration = Duration::from_millis(100);
 
 /// Starts to listen to signals. A command has 0.4 s to end after a signal. If the command does not end, `clean` removes

@@ -95,7 +95,7 @@ impl Head {
         }
     }
 
-    /// First difference from the study `other` of a folder, as text.
+    /// The first difference between this study and the study `other` of a folder, as text.
     fn difference(&self, other: &Self) -> Option<String> {
         let pairs = [
             ("schema_version", self.schema_version.to_string(), other.schema_version.to_string()),
@@ -162,11 +162,11 @@ pub struct Folder {
     /// Units with complete parts.
     done: BTreeMap<u64, Entry>,
     manifest: File,
-    /// Length of all complete lines of the manifest, bytes.
+    /// Length of all complete lines of the manifest, in bytes.
     whole: u64,
     inputs: Vec<PathBuf>,
     is_resumed: bool,
-    /// Keeps the lock on the study.
+    /// The open file keeps the lock on the study.
     _head: File,
 }
 
@@ -299,7 +299,7 @@ impl Entry {
         Ok(line + "\n")
     }
 
-    /// Whether the file of this entry exists and has the entry's length and hash.
+    /// Whether the file of this entry exists, and has the length and hash of the entry.
     fn is_whole(&self, folder: &Path) -> bool {
         let part = folder.join(&self.file);
         let is_as_long = fs::metadata(&part).is_ok_and(|found| found.len() == self.bytes);

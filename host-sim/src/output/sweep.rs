@@ -98,7 +98,7 @@ pub struct Study {
     pub probability: Option<ProbabilityStudy>,
     /// Reason why the default second limit was left out.
     pub limits_left_out: Option<String>,
-    /// The recommended cutoff. `None` for the paper's own study.
+    /// The study that recommends a cutoff. `None` for the paper's own study.
     pub quiet: Option<QuietStudy>,
     pub command: String,
 }
@@ -154,7 +154,7 @@ struct VariantSummary {
     area_at_ideal_n2_s_per_m2: Option<f64>,
 }
 
-/// A sentence on the meaning of the frequencies.
+/// A sentence that says what the frequencies mean.
 fn convention(study: &Study, best_hz: Option<f64>) -> String {
     let scene = &study.scene.scene;
     let shown = best_hz.or_else(|| study.result.cutoffs.last().map(|last| last.cutoff_hz));
@@ -181,7 +181,7 @@ fn subtitle(study: &Study) -> String {
     ))
 }
 
-/// Significant digits of a number. A unit conversion may change further digits.
+/// Number of significant digits. A conversion of units may change further digits.
 const DIGITS: usize = 10;
 
 impl Study {
@@ -274,7 +274,7 @@ impl Study {
         outputs.add(to, MANIFEST, json(&manifest)?)
     }
 
-    /// The recommendation, and the study of all cutoffs that were tried for this recommendation.
+    /// The recommendation, and the study with all cutoffs that were tried for it.
     fn recommended(&self) -> Option<(&QuietStudy, &Recommended)> {
         let quiet = self.quiet.as_ref()?;
         Some((quiet, quiet.recommended.as_ref().ok()?))
@@ -295,7 +295,7 @@ impl Study {
         Ok(Some(ReportFigure { figure, caption: caption.into() }))
     }
 
-    /// Figure of the quiet walls: boundaries of the user's cutoffs and of the recommended cutoff.
+    /// The figure of the quiet walls. It shows the boundaries of the user's cutoffs and of the recommended cutoff.
     fn quiet_walls(&self) -> Result<Option<ReportFigure>, Error> {
         let Some((quiet, found)) = self.recommended() else { return Ok(None) };
         let asked = |cutoff_hz| self.result.cutoffs.iter().any(|of| of.cutoff_hz == cutoff_hz);
@@ -371,7 +371,7 @@ impl Study {
         Ok(ReportFigure { figure, caption: self.by_its_own(&caption) })
     }
 
-    /// The area figure. `best` is the marked cutoff, with its range.
+    /// The area figure. `best` is the cutoff that is marked, with its range.
     fn areas<'a>(
         &self,
         title: String,
@@ -393,7 +393,7 @@ impl Study {
         })?)
     }
 
-    /// Figure of a hit: on the stiffest wall at the ideal cutoff.
+    /// The figure of a hit on the stiffest wall at the ideal cutoff.
     fn hit(&self) -> Result<Option<ReportFigure>, Error> {
         let Some(ideal) = self.result.ideal else {
             return Ok(None);
@@ -452,7 +452,7 @@ impl Study {
         text
     }
 
-    /// Texts for people on the additional results that the user has asked for.
+    /// Texts for people. They describe the additional results that the user has asked for.
     pub fn texts(&self) -> Vec<(&'static str, String)> {
         [
             self.limits.as_ref().map(|limits| ("Limits", limits.text())),
@@ -515,7 +515,7 @@ pub fn areas_csv(cutoffs: &[CutoffResult]) -> String {
 }
 
 impl VariantResult {
-    /// A sentence with the change, and with the ideal cutoff after this change.
+    /// A sentence that gives the change, and the ideal cutoff after this change.
     pub fn sentence(&self) -> String {
         match self.result.ideal {
             None => format!("{}: no stable wall at any cutoff", self.change),

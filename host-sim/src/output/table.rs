@@ -17,12 +17,13 @@ mod mcap;
 #[cfg(feature = "open-files")]
 mod parquet;
 
-/// Meaning of a table's rows.
+/// What the rows of a table are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
     /// Rows that have no order in time.
     Rows,
-    /// One instant per row: the column `time_s`, or else `sample` divided by this rate, Hz.
+    /// Each row is one instant. Its time is the column `time_s`, or else the column `sample` divided by this rate in
+    /// Hz.
     Moments { rate_hz: f64 },
 }
 
@@ -37,7 +38,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format for the ending of a file. Every ending except `.parquet` and `.mcap` gives CSV.
+    /// The format that the ending of a file selects. Every ending except `.parquet` and `.mcap` gives CSV.
     ///
     /// # Errors
     /// [`Error::Input`] if this build lacks the format, or if the format needs times and the table has none.
@@ -71,7 +72,7 @@ impl Format {
     }
 }
 
-/// Facts about a table beside its rows.
+/// What a file needs to know about a table in addition to its rows.
 #[derive(Clone, Debug)]
 pub struct About {
     pub kind: Kind,
@@ -101,7 +102,7 @@ pub fn bytes(_: Format, csv: &str, _: &About) -> Result<Vec<u8>, Error> {
     Ok(csv.into())
 }
 
-/// Endings of column names, beside those of scene keys: ending, unit, whether the values are whole numbers.
+/// Endings of column names that scene keys do not have. Each has a unit, and whether the values are whole numbers.
 const UNITS: [(&str, &str, bool); 5] = [
     ("_fraction", "1", false),
     ("_counts", "counts", true),
@@ -110,7 +111,7 @@ const UNITS: [(&str, &str, bool); 5] = [
     ("_q30", "2^-30 of full scale", true),
 ];
 
-/// Cells of a column. An empty cell is `None`.
+/// The cells of one column. An empty cell is `None`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Cells {
     Integers(Vec<Option<i64>>),

@@ -12,7 +12,7 @@ use crate::{
     scene::Scene,
 };
 
-/// Flags in the figure, and whether each flag is a problem.
+/// The flags that the figure shows, and whether each flag is a problem.
 const FACTS: [(&str, Flags, bool); 6] = [
     ("on", Flags::ON, false),
     ("armed", Flags::ARMED, false),
@@ -22,8 +22,8 @@ const FACTS: [(&str, Flags, bool); 6] = [
     ("fault", Flags::FAULT, true),
 ];
 
-/// Position, velocity, force and flags over time: in SI units with the board's scene, else in units of the control
-/// core.
+/// Draws position, velocity, force and flags over time. With the board's scene they are in SI units, otherwise in units
+/// of the control core.
 pub fn telemetry_figure(
     capture: &Capture,
     name: &str,
@@ -65,7 +65,7 @@ pub fn telemetry_figure(
     Ok(figure::telemetry(&plot)?)
 }
 
-/// Figure with the velocity of an estimator and the velocity of the board, in SI units.
+/// Draws the velocity of an estimator and the velocity of the board, in SI units.
 pub fn replay_figure(
     replayed: &Replayed,
     [title, file]: [&str; 2],

@@ -1,4 +1,4 @@
-//! Start and end of every command: arguments, signals, output, errors.
+//! Start and end of every command: its arguments, signals, output and errors.
 
 use std::{
     io::{self, Write as _},
@@ -17,18 +17,20 @@ use crate::{
     output::{SCHEMA_VERSION, files, signals},
 };
 
-/// Messages of the standard library for a word that is not a number, and clearer messages in their place.
+/// Messages of the standard library for a word that is not a number. A clearer message stands beside each, and replaces
+/// it.
 const NUMBERS: [(&str, &str); 2] = [
     ("invalid float literal", "it has to be a number, without a unit"),
     ("invalid digit found in string", "it has to be a whole number, without a unit"),
 ];
 
-/// Whether result and error are printed as JSON, and the name of the command; `None` if the command does not exist.
+/// Whether result and error are printed as JSON, and the name of the command. The name is `None` if the command does
+/// not exist.
 static JSON: OnceLock<(bool, Option<String>)> = OnceLock::new();
 /// Whether an error has been printed. Only the first error is printed.
 static SAID: AtomicBool = AtomicBool::new(false);
 
-/// The JSON object of a command: head and content.
+/// The JSON object that a command prints, with its head and its content.
 #[derive(Serialize)]
 struct Headed<'a, T: Serialize> {
     schema_version: u32,
@@ -50,8 +52,8 @@ struct JsonError<'a> {
     exit_code: u8,
 }
 
-/// Runs a command line, and listens to signals. Prints an error, if there is one. Returns the exit code: 0 done, 1
-/// failed, 2 invalid input, 130 interrupted.
+/// Runs a command line, and listens to signals. If there is an error, it is printed. Returns the exit code: 0 is done,
+/// 1 is failed, 2 is invalid input, 130 is interrupted.
 pub fn run<T: Parser>(execute: impl FnOnce(T) -> Result<(), Error>) -> u8 {
     let cli = match parse() {
         Ok(cli) => cli,
@@ -111,7 +113,7 @@ fn say_error(error: &Error) {
     }
 }
 
-/// `body` as JSON, after the head of every object: schema version and command.
+/// `body` as JSON, after the head that every object has: schema version and command.
 pub fn headed(body: impl Serialize) -> Result<String, Error> {
     let command = JSON.get().and_then(|(_, command)| command.as_deref());
     let headed = Headed { schema_version: SCHEMA_VERSION, command, body };

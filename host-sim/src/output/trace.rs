@@ -33,7 +33,7 @@ pub fn csv(trace: &Trace) -> String {
     text
 }
 
-/// Position over time, with the settling phase and the window.
+/// Draws the position over time, with the settling phase and the window.
 pub fn figure(
     trace: &Trace,
     scene: &NamedScene,

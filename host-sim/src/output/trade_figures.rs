@@ -8,7 +8,7 @@ use lab_trade::{
     table::{filter_points, pareto, plant_points},
 };
 
-/// Cutoffs in the Pareto figure, Hz. For each of these cutoffs, the figure shows the nearest cutoff that was tried.
+/// Cutoffs that the Pareto figure shows, in Hz. For each of them, the figure shows the nearest cutoff that was tried.
 const SHOWN_HZ: [f64; 4] = [1.0, 20.0, 200.0, 2000.0];
 /// Variants that the figure over the cutoff shows.
 const FOLLOWED: [(Format, Form); 8] = [
@@ -80,7 +80,7 @@ fn front(points: &[Option<[f64; 2]>]) -> Vec<[f64; 2]> {
     front
 }
 
-/// Error of the velocity over processor cycles, at a few cutoffs.
+/// Draws the error of the velocity over the processor cycles, at a few cutoffs.
 pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, FigureError> {
     let mut shown: Vec<usize> = vec![];
     for wanted in SHOWN_HZ {
@@ -120,13 +120,13 @@ pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, 
     })
 }
 
-/// Figure of the cutoffs at which the formats fail. See [`cutoffs_plot`].
+/// Draws the cutoffs at which the formats fail. See [`cutoffs_plot`].
 pub fn cutoffs(scene: &str, filters: &Filters) -> Result<Figure, FigureError> {
     trade(&cutoffs_plot(scene, filters))
 }
 
-/// The cutoffs at which the formats fail. There is a panel for each of [`Criterion::ALL`], with the error divided by
-/// the allowed error. A filter is usable at a cutoff if its error is below the line in all panels.
+/// The cutoffs at which the formats fail. There is a panel for each of [`Criterion::ALL`], which shows the error
+/// divided by the allowed error. A filter is usable at a cutoff if its error is below the line in all panels.
 pub fn cutoffs_plot(scene: &str, filters: &Filters) -> TradePlot {
     let shares = |variant: Variant, criterion: Criterion| -> Vec<[f64; 2]> {
         let rows = filters.rows.iter().filter(|row| row.variant == variant);
@@ -162,7 +162,7 @@ pub fn cutoffs_plot(scene: &str, filters: &Filters) -> TradePlot {
     }
 }
 
-/// Error of the plant over the number of operations.
+/// Draws the error of the plant over the number of operations.
 pub fn plants(scene: &str, plants: &Plants) -> Result<Figure, FigureError> {
     let points = plant_points(plants);
     let methods = [

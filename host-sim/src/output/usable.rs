@@ -19,7 +19,7 @@ pub fn csv(study: &UsableStudy) -> String {
     versioned(study.table()).csv()
 }
 
-/// The figure: largest usable K of each estimator over B, within the smallest error limit.
+/// The figure. It shows the largest usable K of each estimator over B, within the smallest error limit.
 ///
 /// # Errors
 /// The figure cannot be drawn.

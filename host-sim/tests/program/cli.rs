@@ -1,4 +1,4 @@
-//! The command line: invalid input, output files, interruption.
+//! Tests the command line with invalid input, with output files and with interruptions.
 
 use std::{
     fs,
@@ -18,7 +18,7 @@ pub fn sim(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_host-sim")).current_dir(folder).args(args).output().unwrap()
 }
 
-/// A scene file in its own folder. `from` is replaced with `to`.
+/// A scene file in its own folder. In its text, `from` is replaced with `to`.
 pub fn scene(from: &str, to: &str) -> TempDir {
     let text = SCENE;
     assert!(text.contains(from), "{from}");
@@ -27,7 +27,8 @@ pub fn scene(from: &str, to: &str) -> TempDir {
     folder
 }
 
-/// Asserts exit code 2, one line on stderr, stdout only with `--json`, and no new file. Returns the line.
+/// Asserts that a command is refused: exit code 2, one line on stderr, stdout only with `--json`, and no new file.
+/// Returns the line.
 #[track_caller]
 pub fn refused(folder: &Path, args: &[&str]) -> String {
     let before = listing(folder);
@@ -58,7 +59,7 @@ pub fn listing(folder: &Path) -> Vec<String> {
 
 pub const WALL: [&str; 6] = ["--cutoff", "500", "--stiffness", "4000", "--damping", "20"];
 
-/// Arguments for `hit` on a stable wall.
+/// Arguments for a `hit` on a wall that is stable.
 pub fn hit(scene: &str, extra: &[&str]) -> Vec<String> {
     [&["hit", scene], &WALL[..], extra].concat().into_iter().map(str::to_owned).collect()
 }
@@ -168,7 +169,7 @@ fn bad_arguments_are_refused_with_option_value_and_range() {
     }
 }
 
-/// The cutoff of a `hit`, or null if the command fails, and the command's text on stderr.
+/// The cutoff that a `hit` prints, or null if the command fails. Also returns the command's text on stderr.
 fn cutoff_of(folder: &Path, option: &[&str]) -> (Value, String) {
     let args = [&["hit", "mine.toml", "--json"], &WALL[2..], option].concat();
     let output = sim(folder, &args);
@@ -268,7 +269,7 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     assert_eq!(lines.next(), Some(header));
     assert_eq!(lines.clone().count(), 60_000);
     assert!(lines.next().unwrap().starts_with("0,0,0,0,2.8"));
-    // flags: 2 with every tenth sample; 1 exactly if the count is beyond the surface of the wall
+    // the flag 2 is set with every tenth sample; the flag 1 is set exactly if the count is beyond the wall's surface
     for (n, line) in trace.lines().skip(1).enumerate() {
         let fields: Vec<&str> = line.split(',').collect();
         let (count, flags): (i32, u8) = (fields[2].parse().unwrap(), fields[6].parse().unwrap());
@@ -291,7 +292,7 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     assert!(refused(folder.path(), &odd).contains(".svg and .png"));
 }
 
-/// For the default build. `.ci/open-files` tests the other build.
+/// Tests the default build. `.ci/open-files` tests the build with these formats.
 #[test]
 fn a_build_without_parquet_and_mcap_says_so_and_writes_nothing() {
     let folder = TempDir::new().unwrap();
@@ -466,8 +467,8 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     assert!(csv.starts_with(&format!("{head}stiffness_passive_n_per_m\n")), "{csv}");
     let text = String::from_utf8(sim(folder.path(), &passive).stdout).unwrap();
     assert!(text.contains("not part of the passivity condition: actuator.period"), "{text}");
-    // with the scene's own loop: K < b / (T/2 + t_d) = 5.5195 / 1.5 ms, slightly inside this loop's envelope of 3693
-    // N/m
+    // with the scene's own loop, K must be below b / (T/2 + t_d) = 5.5195 / 1.5 ms; this is slightly inside the
+    // envelope of this loop, which is at 3693 N/m
     let output = sim(folder.path(), &[&passive[..], &["--json", "--multirate"]].concat());
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     let row = &json["rows"][0];

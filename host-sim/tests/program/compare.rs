@@ -69,8 +69,8 @@ fn the_result_is_complete_the_same_for_any_thread_count_and_names_winners() {
     assert!(area_winner["butterworth_rank"].as_u64().unwrap() <= 2);
     assert_eq!(area_winner["class"], "position_only");
     assert!(json["impedance_error_of_loop"].as_f64().unwrap() > 0.0);
-    // the file has all tunings that were tried, and whether the search converged; each tuning has two walks, except for
-    // tunings that lost early
+    // the file has all tunings that were tried, and whether the search converged; a tuning has two walks, or fewer if
+    // it lost early
     let tuning = fs::read_to_string(folder.path().join("a/tuning.csv")).unwrap();
     let tried = |name: &str| tuning.lines().filter(|line| line.starts_with(name)).count();
     assert!((4..=6).contains(&tried("butterworth")) && tried("difference") == 0, "{tuning}");
@@ -129,8 +129,8 @@ fn force_is_compared_at_a_damping_that_the_boundary_reaches() {
     }
 }
 
-/// By default walls must be quiet, on a special grid. The area by the scene's own criterion is the same as the area
-/// from `walk`.
+/// By default walls must be quiet, and the walks use a special grid. The area by the scene's own criterion is the same
+/// as the area that `walk` gives.
 #[test]
 fn quiet_walls_rank_and_the_scene_s_criterion_stands_beside() {
     let folder = TempDir::new().unwrap();
@@ -158,7 +158,7 @@ fn quiet_walls_rank_and_the_scene_s_criterion_stands_beside() {
     assert!(own["estimators"][0]["scene_area_n2_s_per_m2"].is_null());
 }
 
-/// Runs the commands for one scene at the lowest and at the highest sample rate.
+/// Runs the commands for one scene, once at the lowest and once at the highest sample rate.
 fn at_both_rates(commands: impl Fn(u32, &str) -> Vec<Vec<String>>) {
     let folder = TempDir::new().unwrap();
     scene(folder.path());
@@ -275,8 +275,8 @@ fn bad_arguments_are_refused_with_what_is_allowed() {
     assert!(!folder.path().join("zwidth-out").exists());
 }
 
-/// The published order of estimators, compared with an untuned filter of 50 Hz. A tuned filter is as good as the best
-/// of these estimators: see docs/lab/comparison.md.
+/// Compares the published order of estimators with a filter of 50 Hz that is not tuned. A tuned filter is as good as
+/// the best of these estimators, as docs/lab/comparison.md shows.
 #[test]
 #[ignore = "a search of eight estimators; CI runs it"]
 fn levant_windowing_and_kalman_raise_the_stiffest_wall_of_an_untuned_filter() {
@@ -287,7 +287,7 @@ fn levant_windowing_and_kalman_raise_the_stiffest_wall_of_an_untuned_filter() {
         let row = rows.iter().find(|row| row["estimator"] == name).unwrap();
         row["stiffness_peak_mean_n_per_m"].as_f64().unwrap()
     };
-    // the scene of 1 um, and enough tunings for the narrow range of Levant's explicit form
+    // the resolution of 1 um, and enough tunings for the narrow range of Levant's explicit form
     let path = folder.path().join("coarse.toml");
     let fine =
         fs::read_to_string(&path).unwrap().replace("resolution_m = 2e-6", "resolution_m = 1e-6");
@@ -394,8 +394,8 @@ fn peers_are_a_table_for_programs_and_one_for_people() {
     };
     let json: Value = serde_json::from_str(&run(&["--json", "--threads", "1"])).unwrap();
     let areas = json["areas"].as_array().unwrap();
-    // three loops (the scene's, two boards), each with 13 defaults, the scene's estimator at two cutoffs, the true
-    // velocity
+    // there are three loops: the scene's, and those of two boards; each has 13 defaults, the scene's estimator at two
+    // cutoffs, and the true velocity
     assert_eq!(areas.len(), 3 * 16);
     let csv = fs::read_to_string(folder.path().join("zwidth-out/coarse/peers/peers.csv")).unwrap();
     page::has_keys_of("### Of `compare --peers`", &json);

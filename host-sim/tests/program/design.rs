@@ -1,4 +1,4 @@
-//! `design`.
+//! Tests the command `design`.
 
 use std::fs;
 

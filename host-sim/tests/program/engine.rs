@@ -1,10 +1,10 @@
-//! `--engine core` and `--engine lanes` give the same bytes, for all commands that run hits.
+//! `--engine core` and `--engine lanes` must give the same bytes for all commands that run hits.
 
 use std::{fs, path::Path, process::Command};
 
 use tempfile::TempDir;
 
-/// The paper's device with short hits and few walls per walk.
+/// The paper's device with short hits, and with few walls in a walk.
 fn scene(folder: &Path) {
     let text = include_str!("../../../scenes/paper-2um.toml")
         .replace("settle_s = 4.0", "settle_s = 1.5")
@@ -14,8 +14,8 @@ fn scene(folder: &Path) {
     fs::write(folder.join("short.toml"), text).unwrap();
 }
 
-/// Runs a command with both engines, and compares the bytes of output and files. `FILE` in the arguments becomes a
-/// separate file or folder for each engine.
+/// Runs a command with both engines, and compares the bytes of output and files. The word `FILE` in the arguments
+/// becomes a separate file or folder for each engine.
 fn both(folder: &Path, command: &str, files: &[&str]) {
     let [core, lanes] = ["core", "lanes"].map(|engine| {
         let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))

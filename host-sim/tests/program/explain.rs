@@ -12,7 +12,7 @@ fn sim(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_host-sim")).current_dir(folder).args(args).output().unwrap()
 }
 
-/// The paper's device, with a short hit and a grid of few walls.
+/// A folder with a scene of the paper's device. It has a short hit and a grid of few walls.
 fn folder() -> TempDir {
     let folder = TempDir::new().unwrap();
     let mut text = include_str!("../../../scenes/paper-2um.toml").to_owned();

@@ -1,4 +1,4 @@
-//! The command `grid`, and its memory for a million walls.
+//! Tests the command `grid`, and how much memory it needs for a million walls.
 
 use std::{fs, path::Path, process::Command};
 
@@ -8,7 +8,7 @@ fn sim() -> Command {
     Command::new(env!("CARGO_BIN_EXE_host-sim"))
 }
 
-/// The paper's device. In a hit, settling time and window are `ms` milliseconds each.
+/// The paper's device. Settling time and window of a hit are both `ms` milliseconds long.
 fn scene(folder: &Path, ms: u32) -> String {
     let text = include_str!("../../../scenes/paper-1um.toml")
         .lines()

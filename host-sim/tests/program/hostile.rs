@@ -18,17 +18,17 @@ use crate::{
     identify_command::log_of,
 };
 
-/// Longest time from a signal to the program's end.
+/// A program must end within this time after a signal.
 const ENDS_IN: Duration = Duration::from_secs(1);
-/// Longest time of a command that is not interrupted. After this time the test kills the command.
+/// A command that is not interrupted must end within this time. Otherwise the test kills it.
 const TAKES: Duration = Duration::from_secs(20);
 
-/// The command with at most 2 GB of address space, and with fewer processors than threads.
+/// The command, limited to 2 GB of address space. It has more threads than processors.
 fn command(folder: &Path, args: &[&str]) -> Command {
     shell(folder, "ulimit -v 2000000", args)
 }
 
-/// The command, run by a shell after the line `first`.
+/// A shell that executes the line `first`, and then runs the command.
 fn shell(folder: &Path, first: &str, args: &[&str]) -> Command {
     let mut command = Command::new("sh");
     command.args(["-c", &format!("{first}; exec \"$0\" \"$@\" --threads 2")]);
@@ -96,7 +96,7 @@ fn json(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// A log of `rows` rows of an oscillating handle.
+/// A log with `rows` rows. The handle in it oscillates.
 fn log(rows: usize) -> String {
     let wave = |n: usize, size: f64| size * (n as f64 * 1e-3).sin();
     Record {
@@ -284,7 +284,7 @@ fn several_outputs_appear_together_or_not_at_all() {
     assert!(line.contains("new/i.csv: File too large"), "{line}");
     assert_eq!(listing(path), before);
     assert!(sim(path, &args).status.success());
-    // Steps of 2^52 samples: the rows can be written, but the figure cannot be drawn.
+    // The steps are 2^52 samples, so the rows can be written, but the figure cannot be drawn.
     let frames = (0..3).map(|n| {
         let record = TelemetryRecord { sample: u64::from(n) << 52, ..TelemetryRecord::default() };
         Frame { sequence: n, record }.encode()

@@ -1,4 +1,4 @@
-//! `identify` on the command line: from a log to a scene for the other commands, and its errors.
+//! Tests `identify` on the command line: how a log becomes a scene for the other commands, and which errors occur.
 
 use std::{
     fs,
@@ -17,7 +17,7 @@ use tempfile::TempDir;
 
 use crate::page;
 
-/// Longest time from a log to a scene, s. 0.2 s were measured.
+/// Longest time that may pass from a log to a scene, in s. 0.2 s were measured.
 const LONGEST_S: f64 = 2.0;
 
 fn sim(folder: &Path, args: &[&str]) -> Output {
@@ -48,7 +48,7 @@ fn log(added_kg: f64) -> String {
     log_of(added_kg, 20_000)
 }
 
-/// Two pulses on the paper's device with `added_kg` more mass. The noise is about half a count.
+/// A log of two pulses on the paper's device, whose mass is larger by `added_kg`. The noise is about half a count.
 pub fn log_of(added_kg: f64, rows: usize) -> String {
     let device = NamedScene::load("paper-1um").unwrap().scene.device;
     let device = Device { mass_kg: device.mass_kg + added_kg, ..device };
@@ -112,7 +112,7 @@ fn positions_in_mm_are_named_as_the_likely_cause() {
     refused(folder, &args, "are these mm?");
 }
 
-/// Writes the log with another header and other units.
+/// Writes the log again with another header and in other units.
 fn with_header(folder: &Path, header: &str, [time, command, position]: [f64; 3]) {
     let text = fs::read_to_string(folder.join("log.csv")).unwrap();
     let rows = text.lines().skip(1).map(|line| {

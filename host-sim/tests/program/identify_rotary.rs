@@ -7,11 +7,11 @@ use tempfile::TempDir;
 
 use crate::cli::{refused, sim};
 
-/// Radius of the handle, m. The linear scene is `examples/known.toml`.
+/// Radius of the handle in m. The linear scene is `examples/known.toml`.
 const RADIUS_M: f64 = 0.08;
 const KNOWN: &str = include_str!("../../../examples/known.toml");
 const PULSE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/pulse.bin");
-/// Relative tolerance. Results have twelve digits.
+/// Relative tolerance of the comparisons. It allows for results that have twelve digits.
 const ROUNDING: f64 = 1e-10;
 
 /// `known.toml` as a rotary scene with a ratio of 2. With `resistance_ohm` the scene has a voltage amplifier.
@@ -121,7 +121,7 @@ fn a_column_of_angles_is_read_and_one_of_metres_is_refused() {
     assert!(line.contains("no column position_rad"), "{line}");
 }
 
-/// Errors and warnings are about angles. The messages name options and columns of a rotary scene.
+/// Errors and warnings speak of angles. The messages name options and columns of a rotary scene.
 #[test]
 fn what_is_wrong_with_a_record_is_said_about_the_axis() {
     let folder = TempDir::new().unwrap();
@@ -158,14 +158,14 @@ fn what_is_wrong_with_a_record_is_said_about_the_axis() {
         let line = refused(folder, &args);
         assert!(line.contains(wanted), "{line}");
     }
-    // The mass of the device is less than 5 g at its radius.
+    // at its radius, the device has less than 5 g of mass
     let words = ["identify", "fit.csv", "--base", "paddle.toml", "--gain", "1e-4"];
     let found = json(folder, &words);
     let warnings = found["warnings"].to_string();
     assert!(warnings.contains("kg m^2: is --gain in N m/V and position_rad in rad"), "{warnings}");
 }
 
-/// The damping in a record includes the motor's back-EMF.
+/// The damping that is found in a record includes the motor's back-EMF.
 #[test]
 fn back_emf_is_taken_off_the_damping_that_is_written_and_a_larger_one_is_told() {
     let folder = TempDir::new().unwrap();

@@ -1,4 +1,4 @@
-//! `sweep --levers`.
+//! Tests `sweep --levers`.
 
 use std::{collections::BTreeSet, fs};
 
@@ -51,9 +51,9 @@ fn a_device_in_other_loops_is_rows_by_what_is_between() {
         "stiffness_step_n_per_m",
     ]
     .map(column);
-    // seven loops: the scene's own loop, four periods of one board, two periods of the other board; each loop has two
-    // limits, with the push by motor and by hand. Each of these has three rows at one cutoff (no added element, an
-    // amplifier, a transmission), and one row for the true velocity.
+    // There are seven loops: the scene's own loop, four periods of one board, and two periods of the other board. Each
+    // loop has two limits, and for each limit the push by motor and by hand. Each of these has three rows at one cutoff
+    // (no added element, an amplifier, a transmission), and one row for the true velocity.
     assert_eq!(rows.len(), 7 * 2 * 2 * (3 + 1));
     let loops: BTreeSet<(&str, &str)> =
         rows.iter().map(|row| (row[of_loop], row[period])).collect();

@@ -1,4 +1,4 @@
-//! `sweep --limits` and `--plain`.
+//! Tests `sweep --limits` and `sweep --plain`.
 
 use std::fs;
 
@@ -46,8 +46,8 @@ fn limits_are_rows_by_who_pushes_and_in_whose_hand() {
     let summary = fs::read_to_string(folder.path().join("out/summary.json")).unwrap();
     page::has_keys_of("## `sweep [SCENE..]`", &serde_json::from_str(&summary).unwrap());
     let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|row| row.split(',').collect()).collect();
-    // five limits; five situations (motor, hand, motor with the arm, hand with the arm, the worst case); two cutoffs
-    // and the true velocity
+    // there are five limits and five situations (motor, hand, motor with the arm, hand with the arm, the worst case);
+    // each has rows for two cutoffs and for the true velocity
     assert_eq!(rows.len(), 5 * 5 * 3);
     assert!(rows.iter().all(|row| row.len() == text.lines().next().unwrap().split(',').count()));
     let area = |push: &str, arm: &str, limit: &str, cutoff: &str| -> f64 {

@@ -1,4 +1,4 @@
-//! The simulator's commands as a user runs them.
+//! Tests the simulator's commands as a user runs them.
 
 #![allow(
     clippy::unwrap_used,

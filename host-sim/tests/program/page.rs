@@ -6,7 +6,7 @@ use serde_json::Value;
 
 const PAGE: &str = include_str!("../../../docs/files.md");
 
-/// Names between backticks.
+/// The names that stand between backticks in a text.
 fn names(text: &str) -> BTreeSet<&str> {
     let code = text.split('`').skip(1).step_by(2);
     code.flat_map(|code| code.split(|c: char| !c.is_ascii_alphanumeric() && c != '_')).collect()
@@ -30,7 +30,7 @@ pub fn has_columns_of(file: &str, csv: &str) {
     assert_eq!(told, written, "docs/files.md (left), {file} (right)");
 }
 
-/// Asserts that the text below this heading names all keys of the object, except for keys that every object has.
+/// Asserts that the text below this heading names all keys of the object. Keys that every object has need not be named.
 pub fn has_keys_of(heading: &str, object: &Value) {
     let at = format!("\n{heading}");
     let level = heading.split(' ').next().unwrap();

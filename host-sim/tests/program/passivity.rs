@@ -1,4 +1,4 @@
-//! `passivity` and `[passivity]` on the command line: files, keys, errors.
+//! Tests `passivity` and `[passivity]` on the command line, with their files, keys and errors.
 
 use std::{
     fs,
@@ -14,7 +14,7 @@ fn sim(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_host-sim")).current_dir(folder).args(args).output().unwrap()
 }
 
-/// The paper's device with a short hit, coarse walks, and additional tables.
+/// A folder with a scene of the paper's device. It has a short hit, coarse walks, and the tables `more`.
 fn folder(more: &str) -> TempDir {
     let folder = TempDir::new().unwrap();
     let mut text = include_str!("../../../scenes/paper-2um.toml").to_owned();

@@ -1,4 +1,4 @@
-//! `prepare`: the device records for the boards' images, and the errors of the command.
+//! Tests `prepare`, which makes the device records for the boards' images, and its errors.
 
 use std::{fs, path::Path};
 
@@ -14,7 +14,8 @@ use crate::cli::{refused, sim};
 
 const NUCLEO: &str = include_str!("../../../scenes/nucleo-f446re.toml");
 
-/// A scene for the NUCLEO with short walks. In the scene's text, each `from` is replaced with the `to` of its pair.
+/// A scene for the NUCLEO with short walks. Each pair of `edits` is (from, to): in the scene's text, `from` is replaced
+/// with `to`.
 fn scene(edits: &[(&str, &str)]) -> TempDir {
     let mut text = NUCLEO.to_owned();
     let short = [
@@ -58,7 +59,8 @@ fn the_first_cutoff_is_the_boards_then_the_filters() {
     assert_ne!(of_first["recommended"], made["recommended"]);
 }
 
-/// `prepare` and `sweep` recommend the same cutoff. A note appears if the first cutoff is outside the range.
+/// `prepare` and `sweep` recommend the same cutoff. A note appears if the first cutoff is outside the recommended
+/// range.
 #[test]
 fn it_says_which_cutoff_to_dial_in() {
     let folder = scene(&[]);
@@ -154,8 +156,8 @@ fn a_record_has_what_the_scene_says_and_the_envelope_of_all_that_it_lists() {
     }
 }
 
-/// The record has predicted walls for each design and output period. The walls are the same as for the scene with this
-/// design.
+/// The record has predicted walls for each design and output period. They are the same walls as those of the scene with
+/// this design as its filter.
 #[test]
 fn a_design_has_rows_of_its_own_for_every_period() {
     let edits = [(
@@ -329,7 +331,7 @@ fn what_does_not_fit_a_board_is_one_line_with_the_key() {
             "start_position_m = -0.05",
             "start_m is -0.05, allowed -0.04 to",
         ),
-        // values that contradict the device
+        // these values contradict the device
         (
             "sign_test_counts = 200",
             "sign_test_counts = 900",

@@ -1,4 +1,4 @@
-//! The ready devices of `scenes/`: each has stable walls, a record, and a list of its estimated values.
+//! Tests the ready devices in `scenes/`: each has stable walls, a record, and a list of its estimated values.
 
 use std::path::Path;
 
@@ -7,7 +7,8 @@ use tempfile::TempDir;
 
 use crate::cli::sim;
 
-/// Scene, cutoff, K and B of a wall that is far inside the stable range. The numbers are in the scene's units.
+/// A wall far inside the stable range for each scene. After the scene's name come cutoff, K and B, in the scene's
+/// units.
 const WALLS: [(&str, [&str; 3]); 6] = [
     ("epfl-paddle", ["500", "20", "0.1"]),
     ("rice-paddle", ["500", "20", "0.1"]),
@@ -95,7 +96,7 @@ fn is_marked(folder: &Path, args: &[&str], before: &str) {
     assert_eq!(text.lines().filter(|line| line.starts_with(&note)).count(), 1, "{args:?}: {text}");
 }
 
-/// The estimator that `explain` finds is the best estimator of a longer search, or its area is in the range of the best
+/// `explain` finds the best estimator of a longer search, or an estimator whose area is in the range of the best
 /// estimator's area.
 #[test]
 #[ignore = "an explanation and a comparison of each ready device; .ci/long runs it"]

@@ -10,17 +10,17 @@ use crate::cli::{refused, sim};
 
 const RADIUS_M: f64 = 0.07;
 const HAND: Units = Units::Rotary { radius_m: RADIUS_M };
-/// Relative tolerance. Results in rotary units have twelve digits.
+/// Relative tolerance of the comparisons. It allows for results that have twelve digits in rotary units.
 const ROUNDING: f64 = 1e-11;
 
 const ROTARY: &str = include_str!("paddle/rotary.toml");
 const BY_HAND: &str = include_str!("paddle/by-hand.toml");
 
-/// Keys of JSON whose texts contain numbers with units.
+/// The texts at these JSON keys contain numbers with units.
 const IN_WORDS: [&str; 5] = ["change", "what", "cost", "answers", "reason"];
-/// Relative tolerance of numbers in texts. These numbers have four digits.
+/// Relative tolerance for numbers in texts, because these numbers have four digits.
 const READ: f64 = 1e-3;
-/// Names for the encoder's counts: per turn, and per millimetre of the handle.
+/// What the encoder's counts are counted per, in a rotary scene and in a linear scene.
 const COUNTS: [(&str, &str); 1] = [("turn of the handle", "mm of handle")];
 
 /// A scene file with a fixed name, in its own folder.
@@ -30,7 +30,7 @@ fn scene(of: &str) -> TempDir {
     folder
 }
 
-/// The rotary name of a linear key, and the factor of its numbers.
+/// The name that a linear key has in rotary units, and the factor for its numbers.
 fn told(key: &str) -> (String, f64) {
     let (r, one) = (RADIUS_M, 1.0);
     for (linear, rotary, factor) in [
@@ -80,7 +80,7 @@ fn same_tables(rotary: &Path, by_hand: &Path) {
     }
 }
 
-/// Asserts that texts for people have the same words, and numbers in rotary units with few digits.
+/// Asserts that the texts for people have the same words. Their numbers must agree in rotary units, with few digits.
 #[track_caller]
 fn same_words(rotary: &str, by_hand: &str) {
     let mut due = HAND.text(by_hand);
@@ -208,7 +208,7 @@ fn a_sweep_is_the_same_in_other_units_and_its_figures_name_them() {
         for unit in units {
             assert!(text.contains(unit), "{name} has no {unit}");
         }
-        // The report has tables by limit, which are in N and m.
+        // only the report has N/m, because its tables by limit are in N and m
         assert!(!text.contains("N/m") || name == "report.html", "{name}");
     }
     assert!(file("summary.json").contains("stiffness_peak_n_m_per_rad"));
@@ -256,7 +256,7 @@ fn what_limits_the_walls_is_the_same_in_other_units() {
         for unit in at_handle {
             assert!(!text.contains(unit), "{name} has {unit}: {text}");
         }
-        // numbers in sentences have few digits; files for programs have all digits
+        // numbers in sentences have few digits, but files for programs have all digits
         let words = text.split([' ', ',', ';', '<', '>', '(', ')']);
         let long = words.filter(|word| word.parse::<f64>().is_ok_and(|_| word.len() > 9));
         let long: Vec<_> = long.collect();
@@ -372,7 +372,8 @@ fn what_a_rotary_scene_cannot_have_is_one_line_that_says_it() {
     assert!(line.contains("--stiffness is 1000000, allowed 0 to 49000"), "{line}");
 }
 
-/// With a voltage amplifier the back-EMF acts as damping. Full scale is the force of the supply voltage at standstill.
+/// With a voltage amplifier, the back-EMF acts as damping. Full scale is the force that the supply voltage gives at
+/// standstill.
 #[test]
 fn a_voltage_amplifier_damps_by_back_emf() {
     let voltage = ROTARY

@@ -1,4 +1,5 @@
-//! `schema`: a scene that the program can read is valid by the schema. A scene with wrong types or ranges is invalid.
+//! Tests `schema`. A scene that the program can read must be valid by the schema. A scene with wrong types or ranges
+//! must be invalid.
 
 use std::{fs, path::Path};
 

@@ -1,4 +1,4 @@
-//! `study` and `study-plan`: killed, on a full disk, resumed, with errors.
+//! Tests `study` and `study-plan`: runs that are killed, meet a full disk, are resumed, or have errors.
 
 use std::{
     collections::BTreeMap,
@@ -17,7 +17,7 @@ use crate::{
     page,
 };
 
-/// Forty-eight units of a few milliseconds each.
+/// A study of forty-eight units. Each takes a few milliseconds.
 const STUDY: &str = "measure = \"walk\"\nscenes = [\"mine.toml\"]\ncutoffs_hz = [500, 1500]\nstarts_counts = [0, 0.5]\n\
     points_per_unit = 1\n[product]\nactuator.latency = \"0:1:11\"\n";
 
@@ -48,7 +48,8 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     entries.map(of).collect()
 }
 
-/// Asserts that the contents are equal. The message names the files that differ, but does not print their bytes.
+/// Asserts that the contents are equal. If not, the message names the files that differ, but does not print their
+/// bytes.
 #[track_caller]
 fn are_same(folder: &Path, wanted: &BTreeMap<String, Vec<u8>>, what: &str) {
     let found = contents(folder);
@@ -96,7 +97,7 @@ fn a_study_that_is_killed_at_any_instant_comes_to_the_same_bytes() {
         are_same(&path.join(&out), &wanted, &format!("round {round}"));
     }
     assert!(kills >= 10 && between >= 5, "{kills} kills, {between} of them with parts to come");
-    // an incomplete line, a part without a line, a draft
+    // a folder with an incomplete line, with a part that has no line, and with a draft
     let torn = path.join("torn");
     fs::create_dir(&torn).unwrap();
     for (name, bytes) in &wanted {

@@ -1,4 +1,4 @@
-//! Accuracy and probability of walls: `compare --usable`, `grid --impedance`, `--probability`.
+//! Tests how accurate and how probable walls are: `compare --usable`, `grid --impedance` and `--probability`.
 
 use std::{fs, path::Path};
 
@@ -10,7 +10,7 @@ use crate::{
     page,
 };
 
-/// Writes a scene with a short hit and a coarse grid, so that the test is fast. Its mass has an uncertainty of 10 %.
+/// Writes a scene with a short hit and a coarse grid, so that the test is fast. The uncertainty of its mass is 10 %.
 fn write(folder: &Path, more: &str) {
     let text = include_str!("../../../scenes/paper-2um.toml");
     let changes = [

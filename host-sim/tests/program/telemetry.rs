@@ -1,4 +1,4 @@
-//! The command `cargo sim telemetry`.
+//! Tests the command `cargo sim telemetry`.
 
 use std::{
     fs,
@@ -60,8 +60,8 @@ fn what_is_no_capture_is_bad_input() {
     assert!(!folder.path().join("out.csv").exists());
 }
 
-/// A capture of the virtual board from `examples/`: every sample agrees with the core. A flipped bit, a lost frame and
-/// a changed velocity are found and named. No other value changes.
+/// In a capture of the virtual board from `examples/`, every sample agrees with the core. If a bit is flipped, a frame
+/// is lost or a velocity is changed, the command finds and names it. No other value changes.
 #[test]
 fn a_capture_of_every_sample_is_checked_and_what_is_wrong_with_it_is_named() {
     let folder = TempDir::new().unwrap();
@@ -109,7 +109,7 @@ fn a_capture_of_every_sample_is_checked_and_what_is_wrong_with_it_is_named() {
     let (json, rows) = run(&[&whole[..at + 11], &whole[frames[900] + 9..]].concat());
     assert_eq!(json["gaps"].as_array().unwrap().len(), 1);
     assert!(json["first_difference"].is_null() && subset(&rows));
-    // A velocity has one wrong bit, but the CRC of its frame is correct. The difference is reported at this output.
+    // One velocity has a wrong bit, but the CRC of its frame is correct. So the difference is reported at this output.
     let mut other = whole.clone();
     let length = next - at;
     other[at + 20] ^= 1;
@@ -122,7 +122,7 @@ fn a_capture_of_every_sample_is_checked_and_what_is_wrong_with_it_is_named() {
     assert!(subset(&rows) && of(&json, "computed") + 1 >= sample - 1_000);
 }
 
-/// CRC-32 as in zlib, bit by bit.
+/// CRC-32 as zlib computes it, bit by bit.
 fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0u32, |crc, byte| {
         (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
@@ -131,7 +131,7 @@ fn crc32(bytes: &[u8]) -> u32 {
     })
 }
 
-/// Velocities of another estimator for the counts of this capture, with a figure.
+/// Another estimator computes velocities from the counts of this capture. A figure shows them.
 #[test]
 fn another_estimator_is_run_over_every_sample_of_a_capture() {
     let folder = TempDir::new().unwrap();
@@ -154,7 +154,7 @@ fn another_estimator_is_run_over_every_sample_of_a_capture() {
         "a.csv",
     ]);
     assert!(slow["samples"].as_u64().unwrap() > 20_000);
-    // the delay is sqrt 2 / w, minus the delay of the board's own estimator
+    // the expected delay is sqrt 2 / w, minus the delay of the board's own estimator
     let later_s = slow["later_s"].as_f64().unwrap();
     assert!((1.5e-3..2.3e-3).contains(&later_s), "{later_s}");
     assert!(slow["change_rms_m_per_s"].as_f64() < slow["board_change_rms_m_per_s"].as_f64());
@@ -163,7 +163,7 @@ fn another_estimator_is_run_over_every_sample_of_a_capture() {
     assert_eq!(rows, slow["samples"].as_u64().unwrap() + 1);
 }
 
-/// Ranking on the counts of a log, and its errors.
+/// Estimators are ranked on the counts in a log. Wrong input gives errors.
 #[test]
 fn the_estimators_are_ranked_on_the_counts_of_a_log() {
     let folder = TempDir::new().unwrap();

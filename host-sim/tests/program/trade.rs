@@ -1,4 +1,4 @@
-//! `trade`: the command, and facts that its results must show.
+//! Tests the command `trade`, and facts that its results must show.
 
 use std::{collections::HashSet, fs, path::Path, process::Command};
 
@@ -18,7 +18,7 @@ use tempfile::TempDir;
 
 use crate::page;
 
-/// A scene with few hits per walk and few samples per hit.
+/// A scene with few hits in a walk and few samples in a hit.
 fn scene(folder: &Path) {
     let text = include_str!("../../../scenes/paper-1um.toml");
     let text = text
@@ -40,7 +40,7 @@ fn trade(folder: &Path, extra: &[&str]) -> (i32, String, String) {
     (output.status.code().unwrap(), out, err)
 }
 
-/// A CSV without its last column. The last column is a time on this machine.
+/// A CSV without its last column, because this column is a time on this machine.
 fn without_time(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap();
     assert!(text.lines().next().unwrap().ends_with(",host_ns"), "{path:?}");
@@ -84,7 +84,7 @@ fn two_runs_agree_to_the_last_digit_for_any_number_of_threads() {
         let row = methods.iter().find(|row| row["method"] == name && row["setting"] == setting);
         row.unwrap()["trajectory_error_m"].as_f64().unwrap()
     };
-    // first order: ten times as many steps give a tenth of the error
+    // the method has first order, so ten times as many steps give a tenth of the error
     let ratio = error("semi-implicit-euler", 1.0) / error("semi-implicit-euler", 10.0);
     assert!((ratio - 10.0).abs() < 0.1, "{ratio}");
     assert!(error("rk4", 1.0) < 1e-13);
@@ -182,7 +182,7 @@ fn q15_fails_at_20_hz_and_its_delta_form_holds_the_cutoff_longer() {
     assert!(drift::measure(&bench, &filter, 20.0) < 1.1);
 }
 
-/// A filter whose errors are NaN must not seem perfect.
+/// If the errors of a filter are NaN, the filter must not seem perfect.
 #[test]
 fn a_filter_that_blows_up_has_infinite_errors() {
     let bench = bench();
@@ -197,7 +197,7 @@ fn a_filter_that_blows_up_has_infinite_errors() {
     assert!(all.iter().all(|value| *value > 1.0), "{all:?}");
 }
 
-/// Two filters with a known difference: at a high cutoff, the residue changes the output by less than an LSB per
+/// Two filters whose difference is known. At a high cutoff, the residue changes the output by less than an LSB per
 /// sample.
 #[test]
 fn noise_is_a_fraction_of_an_lsb_where_it_must_be() {
@@ -205,7 +205,8 @@ fn noise_is_a_fraction_of_an_lsb_where_it_must_be() {
     let bench = bench();
     let motions = Motions::new(&bench, 2000.0);
     let noise = |format, form| motions.measure(&bench.filter(of(format, form), 2000.0).unwrap());
-    // white rounding noise of 1/sqrt(12) LSB through 1/A and through (1 - z^-1)/A; docs/theory.md has 0.33 at 1000 Hz
+    // the noise is white rounding noise of 1/sqrt(12) LSB through 1/A and through (1 - z^-1)/A; docs/theory.md gives
+    // 0.33 at 1000 Hz
     let plain = noise(Format::I32, Form::StateVariable).at_rest / LSB;
     assert!((plain - 1.0 / 12f64.sqrt()).abs() < 0.02, "{plain}");
     let shaped = noise(Format::I32Feedback, Form::Direct1).at_rest / LSB;
@@ -214,8 +215,8 @@ fn noise_is_a_fraction_of_an_lsb_where_it_must_be() {
     assert!(noise(Format::F64, Form::Direct1).at_rest < f64::EPSILON);
 }
 
-/// The criteria of docs/lab/trade.md: an error may be a tenth of the encoder's error or one LSB. Response and cutoff
-/// may be wrong by 1 %. The area may change by 2 % more than its scatter.
+/// The criteria of docs/lab/trade.md. An error may be a tenth of the encoder's error or one LSB. Response and cutoff
+/// may be wrong by 1 %. The change of the area may be 2 % larger than the scatter of the area.
 fn misses(criterion: Criterion, m: &Measured, exact: &Exact) -> bool {
     const LSB: f64 = 1.0 / 65_536.0;
     let within = |error: f64, encoder: f64| error <= 0.1 * encoder || error <= LSB;
@@ -233,7 +234,7 @@ fn misses(criterion: Criterion, m: &Measured, exact: &Exact) -> bool {
     }
 }
 
-/// Measured filters whose change of the area is just above and just below the allowed change.
+/// Filters as if they were measured. The change of the area is just above or just below the allowed change.
 #[test]
 fn a_filter_is_above_the_line_exactly_where_it_misses() {
     let bench = bench();

@@ -87,7 +87,7 @@ fn a_start_inside_the_wall_is_refused() {
 
 #[test]
 fn a_velocity_beyond_its_range_is_refused_or_reported() {
-    // 10 nm at 1 kHz: the largest velocity is 0.33 m/s, but the push gives 0.49 m/s
+    // at 10 nm and 1 kHz the largest velocity is 0.33 m/s, but the push gives 0.49 m/s
     let text = SCENE
         .replace("resolution_m = 1e-6", "resolution_m = 1e-8")
         .replace("rate_hz = 10000", "rate_hz = 1000")
@@ -101,7 +101,7 @@ fn a_velocity_beyond_its_range_is_refused_or_reported() {
         line.contains("more than 0.328 m/s") && line.contains("encoder.resolution_m"),
         "{line}"
     );
-    // slow enough from the scene's start position, but too fast from a start 10 mm before that position
+    // the handle is slow enough from the scene's start position, but too fast from a start 10 mm before it
     let slower = text.replace("push_n = 2.835", "push_n = 1.65");
     fs::write(folder.path().join("fine.toml"), slower).unwrap();
     let wall =

@@ -1,10 +1,10 @@
-//! A simulated board that has only its channels.
+//! Tests the hub with a simulated board that has only its channels.
 
 use zwidth::telemetry::Frame;
 
 use super::*;
 
-/// Bytes that were sent to the board, and bytes to read from each channel.
+/// The bytes that were sent to the board, and the bytes that can be read from each channel.
 #[derive(Clone, Default)]
 struct Board(Arc<Mutex<(String, [Vec<u8>; 3])>>);
 
@@ -15,7 +15,7 @@ impl Link for Board {
 
     fn write(&mut self, channel: usize, bytes: &[u8]) -> usize {
         assert_eq!(channel, COMMANDS);
-        // The channel has room for three bytes at a time.
+        // the channel has room for only three bytes at a time
         let some = &bytes[..bytes.len().min(3)];
         lock(&self.0).0.push_str(std::str::from_utf8(some).unwrap());
         some.len()
@@ -149,7 +149,7 @@ fn the_promise_is_kept_while_somebody_is_there_and_no_longer() {
     thread.join().unwrap();
 }
 
-/// An incomplete line of an earlier host does not become a command. The reply to the incomplete line is not mistaken
+/// If an earlier host has sent an incomplete line, this line does not become a command. The reply to it is not taken
 /// for a reply to this host.
 #[test]
 fn half_a_line_of_a_dead_host_is_ended_before_the_first_command() {

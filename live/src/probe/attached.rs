@@ -1,4 +1,4 @@
-//! A board's memory through an attached probe. Only this file and the list of probes use the crate probe-rs.
+//! The memory of a board, through an attached probe. Only this file and the list of probes use the crate probe-rs.
 
 use std::error::Error;
 
@@ -7,7 +7,7 @@ use probe_rs::{
 };
 use virtual_board::{link, rtt::Memory};
 
-/// The chip with this name.
+/// Finds the chip that has this name.
 ///
 /// # Errors
 /// No chip has this name. The error is one line of text.
@@ -18,7 +18,7 @@ pub fn target(chip: &str) -> Result<Target, String> {
     })
 }
 
-/// An attached probe. Attaching and detaching halt the core for a moment.
+/// An attached probe. To attach or detach halts the core for a moment.
 pub struct Attached(Session);
 
 impl Attached {
@@ -27,7 +27,7 @@ impl Attached {
     /// # Errors
     /// The probe does not find this chip. The error is one line of text.
     pub fn to(probe: Probe, target: Target) -> Result<Self, String> {
-        // With these permissions nothing is erased or unlocked.
+        // these permissions allow nothing to be erased or unlocked
         let session = probe.attach(target, Permissions::new());
         session.map(Self).map_err(|error| one_line(&error))
     }
@@ -51,7 +51,7 @@ impl Memory for Opened<'_> {
 
     fn write(&mut self, address: u32, from: &[u8]) -> Result<(), String> {
         let written = self.0.write(address.into(), from);
-        // An error of the flush is an error of this write.
+        // an error of the flush is returned as an error of this write
         written.and_then(|()| self.0.flush()).map_err(|error| one_line(&error))
     }
 }
@@ -62,7 +62,7 @@ impl link::Core for Opened<'_> {
     }
 }
 
-/// An error with its causes, in one line.
+/// An error and its causes, as one line.
 pub fn one_line(error: &dyn Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();

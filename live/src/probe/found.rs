@@ -1,4 +1,4 @@
-//! Finds the requested probe among the connected ones.
+//! Finds the requested probe among the probes that are connected.
 
 use probe_rs::probe::{
     DebugProbeInfo, DebugProbeSelector, Probe, WireProtocol,
@@ -10,13 +10,13 @@ use super::attached::one_line;
 #[cfg(test)]
 mod tests;
 
-/// How a user gets the permission to open probes.
+/// How a user gets permission to open probes.
 const RULES: &str = "on Linux a user needs udev rules for probes (https://probe.rs/docs/getting-started/probe-setup)";
 
-/// The requested probe. `wanted` is `VID:PID[:SERIAL]`, or empty for the only probe.
+/// Finds the requested probe. `wanted` is `VID:PID[:SERIAL]`. If it is empty, exactly one probe must be connected.
 ///
 /// # Errors
-/// No probe, several probes, or a probe that this user may not open. The error is one line of text.
+/// There is no such probe, there are several, or this user may not open the probe. The error is one line of text.
 pub fn one(lister: &Lister, wanted: &str) -> Result<DebugProbeInfo, String> {
     let selector = match wanted {
         "" => None,
@@ -59,7 +59,7 @@ fn listed(all: &[DebugProbeInfo]) -> String {
     all.iter().map(each).collect::<Vec<_>>().join(", ")
 }
 
-/// Opens the probe for this process alone. The board is not affected.
+/// Opens the probe for this process alone. This does not affect the board.
 ///
 /// # Errors
 /// Another program uses the probe, the probe does not support SWD at that speed, or the probe is disconnected. The

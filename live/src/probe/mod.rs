@@ -1,5 +1,5 @@
-//! `--probe`: a real board behind a debug probe. Without the feature `probe`, the option prints how to build with this
-//! feature.
+//! `--probe`: a real board behind a debug probe. If the program was built without the feature `probe`, the option
+//! prints how to build with it.
 
 #[cfg(feature = "probe")]
 mod attached;
@@ -11,7 +11,7 @@ use host_sim::error::Error;
 #[cfg(feature = "probe")]
 use virtual_board::{board::Board, elf::Elf, link::Link};
 
-/// Reason why the force has to be off before attaching.
+/// Why the force has to be off before the probe attaches.
 #[cfg(any(feature = "probe", test))]
 const WHY: &str = "attaching halts the board's core for a moment, and nobody can see before whether its force is on \
                    (then it is fault 32, and the handle is let go)";
@@ -35,7 +35,7 @@ pub struct Options {
     /// The chip by probe-rs' name [default: the board's].
     #[arg(long, value_name = "NAME", requires = "probe")]
     chip: Option<String>,
-    /// Clock of the probe's wires, kHz [default: the probe's].
+    /// Clock of the probe's wires in kHz [default: the probe's].
     #[arg(long, value_name = "KHZ", requires = "probe", value_parser = clap::value_parser!(u32).range(1..))]
     speed: Option<u32>,
     /// Confirms that the wired stop is open or the board is disarmed, so that no question is asked.
@@ -67,7 +67,7 @@ impl Options {
         Ok(true)
     }
 
-    /// Connects to the board behind the probe, with the force off. `elf` is called when the probe has been found.
+    /// Connects to the board behind the probe. The force must be off. `elf` is called when the probe has been found.
     ///
     /// # Errors
     /// There is no probe, or there are several; the force may be on; or no board with this firmware answers.
@@ -104,7 +104,7 @@ impl Options {
     }
 }
 
-/// Checks a person's answer that the force is off. The question comes each time, since the state may have changed.
+/// Checks a person's answer that the force is off. The question is asked each time, because the state may have changed.
 #[cfg(any(feature = "probe", test))]
 fn is_off(is_terminal: bool, mut answer: impl std::io::BufRead) -> Result<(), Error> {
     if !is_terminal {

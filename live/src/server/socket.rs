@@ -79,7 +79,7 @@ async fn read(
     }
 }
 
-/// Sends the prediction when its walk has ended.
+/// Computes the prediction in the background, and sends it when its walk has ended.
 fn answer(app: &Arc<App>, question: Question, tell: &mpsc::Sender<String>) {
     let (app, tell) = (Arc::clone(app), tell.clone());
     tokio::spawn(async move {

@@ -1,5 +1,5 @@
-//! The board in a worker of the page: the release ELF, or the core without a chip. This file also has the actions of
-//! people, and the communication with the page.
+//! The board in a worker of the page. It is the release ELF, or the core without a chip. This file also carries out
+//! what people do, and exchanges messages with the page.
 
 use std::{
     cell::RefCell,
@@ -26,13 +26,13 @@ use virtual_board::{
 
 use crate::question::{Answered, Question};
 
-/// Largest number of rows in a saved table.
+/// Largest number of rows that a saved table may have.
 const ROWS_MAX: u64 = 200_000;
 
 enum Runs {
     /// The release ELF on the emulated chip.
     Elf(Box<SteppedBoard>),
-    /// The firmware's library in closed loop with the simulator's plant.
+    /// The firmware's library, which controls the simulator's plant in a closed loop.
     Core(Box<CoreBoard>),
 }
 
@@ -60,7 +60,7 @@ struct Running {
     talk: Talk,
     shared: Arc<Shared>,
     page: Page,
-    /// The board's time, us, which is the only clock. So a suspended tab misses no `alive`.
+    /// The board's time in us. It is the only clock, so a suspended tab does not miss an `alive`.
     time_us: Arc<AtomicU64>,
 }
 
@@ -137,7 +137,8 @@ pub fn say(question: &Question) -> Answered {
     })
 }
 
-/// Messages for the page. The JSON has a flag for a last block of text. All other blocks are values to plot.
+/// The messages for the page, as blocks of bytes. The JSON says whether the last block is text. All other blocks are
+/// values to plot.
 pub fn tick() -> Answered {
     running(|running| {
         let tick = running.page.tick();
@@ -148,7 +149,7 @@ pub fn tick() -> Answered {
     })
 }
 
-/// Rows as text of a table, in the units of the scene.
+/// The rows as the text of a table, in the units of the scene.
 pub fn rows(question: &Question) -> Answered {
     running(|running| {
         let table = running.shared.table(question.from, question.rows.min(ROWS_MAX));
@@ -156,7 +157,7 @@ pub fn rows(question: &Question) -> Answered {
     })
 }
 
-/// Runs one wall hit on a board of its own, as `cargo board hit` does. Returns the firmware's line and all telemetry.
+/// Runs one wall hit on a separate board, as `cargo board hit` does. Returns the firmware's line and all telemetry.
 pub fn hit(question: &Question, elf: Vec<u8>) -> Answered {
     let scene = question.scene()?;
     let filter = host_sim::study::asked::filter(&scene, question.cutoff_hz)?;

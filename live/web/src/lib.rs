@@ -1,8 +1,9 @@
-//! The page without a server, for WebAssembly in a worker: the release ELF on the virtual board, and the simulator.
+//! The page without a server. It is WebAssembly in a worker, with the release ELF on the virtual board, and the
+//! simulator.
 //!
-//! The interface has four functions. A worker gets memory by [`zwidth_input`] and writes a question there: JSON, then
-//! the question's data. Then the worker calls [`zwidth_ask`] and reads the answers. No bindings are generated. So the
-//! module needs only the compiler, and calls no function of the browser. `assets/module.js` is the worker's side.
+//! The interface has four functions. A worker gets memory by [`zwidth_input`], and writes a question there: first JSON,
+//! then the question's data. Then the worker calls [`zwidth_ask`] and reads the answers. No bindings are generated. So
+//! the module needs only the compiler, and calls no function of the browser. `assets/module.js` is the worker's side.
 #![deny(unsafe_code)] // except for the exported names
 
 mod board;
@@ -21,8 +22,8 @@ thread_local! {
     static OUT: RefCell<Vec<Vec<u8>>> = const { RefCell::new(vec![]) };
 }
 
-/// Allocates `length` bytes after the memory of earlier calls. Clears the previous answers, so that these answers are
-/// not mistaken for the message of a panic.
+/// Allocates `length` bytes after the memory of earlier calls. The previous answers are cleared, so that they are not
+/// taken for the message of a panic.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_input(length: usize) -> *mut u8 {
@@ -48,14 +49,14 @@ pub extern "C" fn zwidth_ask() -> usize {
     keep(answers)
 }
 
-/// Address of answer `number`. After a panic, answer 0 is the panic's message.
+/// Address of the answer with this number. After a panic, answer 0 is the panic's message.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_answer_at(number: usize) -> *const u8 {
     OUT.with_borrow(|all| all.get(number).map_or(std::ptr::null(), |bytes| bytes.as_ptr()))
 }
 
-/// Length of answer `number`, bytes.
+/// Length of the answer with this number, in bytes.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_answer_length(number: usize) -> usize {

@@ -1,4 +1,4 @@
-//! The module for the browser. The module runs only when it is called; see the library.
+//! The module for the browser. It runs only when it is called. The library has its functions.
 #![forbid(unsafe_code)]
 
 use live_web as _;

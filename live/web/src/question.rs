@@ -1,4 +1,4 @@
-//! A question of a worker: JSON and its data. The answer: JSON, then blocks of bytes.
+//! A worker's question is JSON and the question's data. The answer is JSON, then blocks of bytes.
 
 use host_sim::{
     error::{Error, one_line},
@@ -15,7 +15,7 @@ use crate::{board, study};
 #[serde(deny_unknown_fields, default)]
 pub struct Question {
     ask: String,
-    /// Name of a built-in scene. If there is a `text`, this is the name of the text's file.
+    /// Name of a built-in scene. If there is a `text`, it is the name of the text's file.
     scene: String,
     /// Text of a scene file.
     text: Option<String>,
@@ -41,11 +41,11 @@ pub struct Question {
     pub walked: Vec<study::Walked>,
 }
 
-/// A JSON value and blocks of bytes.
+/// An answer: a JSON value and blocks of bytes.
 pub type Answered = Result<(Value, Vec<Vec<u8>>), Error>;
 
 impl Question {
-    /// The scene of the question.
+    /// Loads the scene that the question names or contains.
     ///
     /// # Errors
     /// No scene has this name, or the question's text is not a valid scene. The error names file, key, value and the
@@ -74,7 +74,7 @@ impl Question {
         }
     }
 
-    /// The board of the question.
+    /// The board that the question names.
     ///
     /// # Errors
     /// No board has this name.
@@ -83,8 +83,8 @@ impl Question {
     }
 }
 
-/// Answers a question. `given` is the question's JSON, then its data. For bad input the answer is `error` with one
-/// line.
+/// Answers a question. `given` is the question's JSON, followed by its data. If the input is wrong, the answer is
+/// `error` with one line.
 pub fn answer(given: Vec<Vec<u8>>) -> Vec<Vec<u8>> {
     let (value, mut bytes) =
         asked(given).unwrap_or_else(|error| (json!({ "error": error.to_string() }), vec![]));

@@ -1,5 +1,5 @@
-//! The simulator's studies. Each answer has the data of the corresponding command. A worker has one thread. Several
-//! workers share the cutoffs of a sweep.
+//! The simulator's studies in a worker. Each answer has the data of the corresponding command. A worker has one thread,
+//! so several workers share the cutoffs of a sweep.
 
 use std::sync::atomic::AtomicBool;
 
@@ -31,7 +31,7 @@ use zwidth::{experiment::Ended, velocity::EstimatorName};
 
 use crate::question::{Answered, Question};
 
-/// Never set, because a worker that is not needed any more is terminated.
+/// This flag is never set, because the page terminates a worker that it no longer needs.
 static STOP: AtomicBool = AtomicBool::new(false);
 /// Largest number of walls in a grid.
 const WALLS_MAX: u64 = 1_000_000;
@@ -44,7 +44,7 @@ const NAMES: Names = Names {
 
 const ENDS: [Ended; 4] = [Ended::Closed, Ended::DampingMax, Ended::StiffnessMax, Ended::BothMax];
 
-/// All boundaries at one cutoff, in the form that workers exchange.
+/// All boundaries at one cutoff. Workers exchange them in this form.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Walked {
     cutoff_hz: f64,
@@ -103,8 +103,8 @@ impl Walked {
     }
 }
 
-/// Console commands that give a board the settings of the scene. Without these settings, the scene's studies are not
-/// valid for the board. Only the cutoff may differ.
+/// The console commands that give a board the settings of the scene. The scene's studies are only valid for a board
+/// with these settings. Only the cutoff may differ.
 pub fn scene(question: &Question) -> Answered {
     let NamedScene { name, scene, .. } = question.scene()?;
     let has_cutoff = scene.velocity.has_cutoff();
@@ -120,7 +120,7 @@ pub fn scene(question: &Question) -> Answered {
     Ok((json!({ "name": name, "has_cutoff": has_cutoff, "wanted": wanted }), vec![]))
 }
 
-/// The predicted boundary of the present estimator and cutoff, for the page's plane.
+/// The boundary that is predicted for the present estimator and cutoff. It is for the page's plane.
 pub fn predicted(question: &Question) -> Answered {
     let (scene, board) = (question.scene()?, question.board()?);
     let cutoff_hz = question.cutoff_hz.unwrap_or_default();
@@ -130,7 +130,7 @@ pub fn predicted(question: &Question) -> Answered {
     Ok((json!({ "type": "predicted", "predicted": predicted }), vec![]))
 }
 
-/// One hit, as by `cargo sim hit --trace`.
+/// Runs one hit, as `cargo sim hit --trace` does.
 pub fn hit(question: &Question) -> Answered {
     let scene = question.scene()?;
     let units = scene.scene.units;
@@ -176,7 +176,7 @@ fn repeats(question: &Question) -> Result<u32, Error> {
     }
 }
 
-/// Joins the results of all cutoffs: `boundary.csv` and `areas.csv`.
+/// Joins the results of all cutoffs to `boundary.csv` and `areas.csv`.
 pub fn sweep(question: &Question) -> Answered {
     let scene = question.scene()?;
     let walked = question.walked.iter().map(|walked| walked.result(&scene.scene.velocity));
@@ -211,7 +211,7 @@ pub fn sweep(question: &Question) -> Answered {
     Ok((answer, tables.map(String::into_bytes).into()))
 }
 
-/// Every wall of a grid, as by `cargo sim grid --csv`.
+/// Hits every wall of a grid, as `cargo sim grid --csv` does.
 pub fn grid(question: &Question) -> Answered {
     let scene = question.scene()?;
     let units = scene.scene.units;
@@ -252,7 +252,7 @@ pub fn grid(question: &Question) -> Answered {
     Ok((json!({ "points": points, "stable": grid.counts.stable }), vec![csv.into_bytes()]))
 }
 
-/// The best velocity filter, as by `cargo sim design`: `design.csv` and the best scene.
+/// Finds the best velocity filter, as `cargo sim design` does. Returns `design.csv` and the best scene.
 pub fn design(question: &Question) -> Answered {
     let scene = question.scene()?;
     asked::prepare(&scene)?;

@@ -16,7 +16,8 @@ fn error(question: &Value) -> String {
     answer["error"].as_str().unwrap_or_else(|| panic!("{question}: {answer}")).to_owned()
 }
 
-/// If several workers share a sweep and exchange results as JSON, the result equals an undivided sweep to the last bit.
+/// Several workers may share a sweep and exchange their results as JSON. The result then equals an undivided sweep to
+/// the last bit.
 #[test]
 fn a_sweep_in_parts_is_the_sweep() {
     let parts = |parts: &[&[f64]]| {
@@ -38,7 +39,7 @@ fn a_sweep_in_parts_is_the_sweep() {
     assert!(whole.0["ideal_cutoff_hz"].is_number());
 }
 
-/// Bad input gives one line that names the key and the allowed values, and no panic.
+/// Bad input gives one line that names the key and the allowed values. It does not cause a panic.
 #[test]
 fn bad_input_is_one_line() {
     let paper = host_sim::scene::NamedScene::load("paper-1um").unwrap().text;
@@ -78,7 +79,7 @@ fn bad_input_is_one_line() {
     assert!(answer(vec![b"\xff".to_vec()])[0].starts_with(b"{\"error\":"));
 }
 
-/// The settings that the page compares with the settings of the page's board. The cutoff may differ.
+/// The page compares these settings with the settings of its board. The cutoff may differ.
 #[test]
 fn the_scene_says_what_its_studies_are_of() {
     let paper = host_sim::scene::NamedScene::load("paper-1um").unwrap().text;
@@ -95,7 +96,7 @@ fn the_scene_says_what_its_studies_are_of() {
     assert_eq!(tunings, [&json!(12.0), &json!(2.0)], "{of}");
 }
 
-/// A file with the name of a built-in scene is not the built-in scene: it has no envelope.
+/// A file that has the name of a built-in scene is not the built-in scene, so it has no envelope.
 #[test]
 fn a_file_is_no_built_in_scene() {
     let text = host_sim::scene::NamedScene::load("nucleo-f446re").unwrap().text;
@@ -109,7 +110,7 @@ fn a_file_is_no_built_in_scene() {
     assert_eq!(rows(Some(&text)), 0);
 }
 
-/// The core without a chip serves the page: the core obeys commands, replies, and can be stopped.
+/// The core without a chip serves the page. It obeys commands, replies, and can be stopped.
 #[test]
 fn the_core_is_a_board_for_the_page() {
     let (_, hello) = ask(&json!({ "ask": "start", "scene": "paper-2um", "core": true }));

@@ -20,14 +20,15 @@ use crate::{
 /// Implementation of the controller's arithmetic. Both implementations give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Engine {
-    /// The core itself runs one hit after another.
+    /// The core runs the hits one after another.
     Core,
-    /// The core's arithmetic, written again for vector lanes. Scenes that cannot run in lanes run in the core itself.
+    /// Vector lanes run the hits side by side, with the core's arithmetic written again for them. Scenes that cannot
+    /// run in lanes run in the core itself.
     Lanes(Backend),
 }
 
 impl Engine {
-    /// Lanes with the best instructions of this machine.
+    /// Lanes with the best vector instructions that this machine has.
     pub fn lanes() -> Self {
         Self::Lanes(Backend::best())
     }
@@ -40,7 +41,7 @@ impl Engine {
         }
     }
 
-    /// Number of hits of this scene that run side by side in one thread.
+    /// Number of hits of this scene that run side by side in one thread. The number is 1 if the scene runs in the core.
     pub fn hits_at_once(self, prepared: &PreparedScene, numeric: Numeric) -> usize {
         match self {
             Self::Lanes(backend) if lanes_for(prepared, numeric) => backend.lanes(),
@@ -49,7 +50,7 @@ impl Engine {
     }
 }
 
-/// Instructions of the lanes. All backends give the same bits.
+/// The vector instructions that lanes use. All backends give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
     /// 8 lanes in a vector.
@@ -58,7 +59,8 @@ pub enum Backend {
     Avx2,
     /// 2 lanes in a vector.
     Neon,
-    /// Scalar numbers, several side by side, each in its own lane. Every machine has this backend.
+    /// Scalar numbers instead of vectors. Several numbers run side by side, each in its own lane. Every machine has
+    /// this backend.
     Plain,
 }
 

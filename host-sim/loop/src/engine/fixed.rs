@@ -177,7 +177,7 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
 }
 
 impl<S: SimdOps> Wall<S> {
-    /// The granted force, LSB.
+    /// The granted force in LSB.
     #[inline(always)]
     fn force(
         &self,
@@ -206,7 +206,7 @@ impl<S: SimdOps> Wall<S> {
     }
 }
 
-/// The output for a force, fraction of full scale.
+/// The output for a force, as a fraction of full scale.
 #[inline(always)]
 fn output<S: SimdOps>(simd: S, force: S::u64s, stage: &OutputStage<S>) -> S::f64s {
     let zero = simd.splat_u64s(0);

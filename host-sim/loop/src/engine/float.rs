@@ -21,8 +21,8 @@ pub struct FloatLoop<S: SimdOps, const R: usize> {
     gains: [TwinGains<S>; R],
 }
 
-/// Gains of each lane: two weights of the last inputs, `b0`, both `a`, stiffness, damping, push. The weights are 2 and
-/// 1, 1 and 0, or 0 and 0.
+/// Gains of each lane: two weights of the last inputs, `b0`, both `a`, stiffness, damping and push. The two weights are
+/// either 2 and 1, or 1 and 0, or 0 and 0.
 type TwinGains<S> = [<S as pulp::Simd>::f64s; 8];
 
 #[derive(Clone, Copy)]
@@ -102,8 +102,8 @@ impl<S: SimdOps, const R: usize> LaneController<S, R> for FloatLoop<S, R> {
     }
 }
 
-/// Velocities of a block, without a check for subnormal numbers. The check would double the time until an output.
-/// Returns `false` if the result may be wrong in a lane.
+/// Computes the velocities of a block without a check for subnormal numbers. The check would double the time until an
+/// output. Returns `false` if the result may be wrong in a lane.
 #[inline(always)]
 fn quick<S: SimdOps, const R: usize>(
     simd: S,

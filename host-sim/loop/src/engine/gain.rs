@@ -9,7 +9,7 @@ pub struct GainLanes<S: SimdOps> {
     mantissa: S::u64s,
     half: S::u64s,
     right: S::u64s,
-    /// Sign bit after the right shift. Its subtraction turns a logical shift into an arithmetic shift.
+    /// The sign bit after the right shift. To subtract it turns a logical shift into an arithmetic shift.
     sign: S::u64s,
     left: S::u64s,
     bound: S::u64s,

@@ -1,8 +1,9 @@
-//! Vectors of loops: the step of [`Simulation`](crate::simulation::Simulation), with one lane for each hit.
+//! Vectors of loops. They compute the step of [`Simulation`](crate::simulation::Simulation), with one lane for each
+//! hit.
 //!
-//! All lanes of a batch share scene and time: in all lanes, outputs are due in the same samples, and commands take
-//! effect in the same samples. So a hit begins when an output is due. A command that a hit has not sent yet is 0 and
-//! changes nothing.
+//! All lanes of a batch share the scene and the time. So outputs are due in the same samples in all lanes, and commands
+//! take effect in the same samples. For this reason a hit begins only when an output is due. Before its first output, a
+//! hit's command is 0 and changes nothing.
 
 #![expect(
     clippy::needless_range_loop,
@@ -21,8 +22,9 @@ mod watch;
 pub use actuation::Actuation;
 pub use watch::{Motion, Watched};
 
-/// Largest number of samples in a block. A block is computed stage by stage, so the plant runs ahead of the filter. If
-/// the samples were computed one by one, each step would wait for the step before it, and take twice the time.
+/// Largest number of samples in a block. A block is computed stage by stage: first the plant moves over all samples,
+/// then the filter runs. If the samples were computed one by one, each step would wait for the step before it, and take
+/// twice the time.
 const BLOCK: usize = 16;
 const BLOCK_SAMPLES: u32 = 16;
 /// Largest number of samples that a controller takes in one call.
@@ -32,7 +34,7 @@ pub const ROWS: usize = BLOCK + 1;
 /// per backend, not once per plant.
 pub trait LaneController<S: SimdOps, const R: usize> {
     /// Puts the controller of a hit into a lane, at rest, with the settings of the scalar loop. Returns the position of
-    /// the wall's surface, counts.
+    /// the wall's surface in counts.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -46,25 +48,25 @@ pub trait LaneController<S: SimdOps, const R: usize> {
     fn looks(&self) -> bool {
         false
     }
-    /// Takes the handle's speeds, m/s, at the next samples.
+    /// Takes the handle's speeds at the next samples, in m/s.
     fn look(&mut self, _speeds: &[Row<S, R>]) {}
     /// Takes samples. `moved` is the change of the count since the sample before. If an output is `due` with the last
-    /// sample, returns the output, fraction of full scale. If no output is due, the result is undefined.
+    /// sample, returns the output as a fraction of full scale. If no output is due, the result is undefined.
     fn take(&mut self, moved: &[Row<S, R>], due: Option<&Due<S, R>>) -> Row<S, R>;
     /// Whether the hit has left the range in which lane and controller compute the same values.
     fn is_lost(&self, lane: usize) -> bool;
 }
 
-/// Inputs of an output: depth and true speed.
+/// Inputs from which an output is computed: depth and true speed.
 pub struct Due<'a, S: SimdOps, const R: usize> {
-    /// Depth of the handle behind the surface, counts.
+    /// Depth of the handle behind the wall's surface, in counts.
     pub depth: [S::f64s; R],
-    /// The true speed, m/s.
+    /// The true speed in m/s.
     pub speed: [S::f64s; R],
     pub stage: &'a OutputStage<S>,
 }
 
-/// Index of the vector that has a lane, and index of the lane in this vector.
+/// Index of the vector that contains a lane, and index of the lane in this vector.
 pub fn place<S: SimdOps>(lane: usize) -> (usize, usize) {
     (lane / S::F64_LANES, lane % S::F64_LANES)
 }
@@ -81,7 +83,7 @@ pub struct OutputStage<S: SimdOps> {
     pub per_code: S::f64s,
     /// LSB for the rounding of the twin's velocity. `None` if the velocity is not rounded.
     pub velocity_lsb: Option<S::f64s>,
-    /// LSB of the core's velocity per m/s, if the wall uses the true velocity.
+    /// Factor from m/s to LSB of the core's velocity. `None` if the wall does not use the true velocity.
     pub told: Option<S::f64s>,
     pub full_scale_n: S::f64s,
 }
@@ -96,9 +98,10 @@ pub struct Shared<S: SimdOps, const P: usize> {
     pub after: [S::f64s; P],
     pub rest_m: S::f64s,
     pub resolution_m: S::f64s,
-    /// Number added to a position in counts before it is rounded down: 1/2 if the encoder rounds to nearest, else 0.
+    /// Number that is added to a position in counts before it is rounded down. It is 1/2 if the encoder rounds to
+    /// nearest, else 0.
     pub bias: S::f64s,
-    /// Whether anything is measured beside the counts.
+    /// Whether anything is measured in addition to the counts.
     pub watches: bool,
     pub stage: OutputStage<S>,
 }
@@ -108,22 +111,22 @@ pub struct Shared<S: SimdOps, const P: usize> {
 #[repr(align(64))]
 pub struct Moving<S: SimdOps, const P: usize> {
     pub state: [S::f64s; P],
-    /// Change of the state in one sample by the acting force and the hand together.
+    /// Change of the state in one sample, caused by the acting force and the hand together.
     pub pushed: [S::f64s; P],
     pub hand: [S::f64s; P],
-    /// Force on the plant, N.
+    /// Force that acts on the plant, in N.
     pub acting_n: S::f64s,
     pub counted: Counted<S>,
     pub watched: Watched<S>,
 }
 
-/// The encoder's last count, and sums over the window since the last check. Sums use counts relative to the first count
-/// of the window. All values are whole numbers, and exact below 2^53.
+/// The encoder's last count, and sums over the window since the last check. The sums use counts relative to the first
+/// count of the window. All values are whole numbers below 2^53, so they are exact.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Counted<S: SimdOps> {
     pub count: S::f64s,
-    /// Largest change between two samples so far, counts.
+    /// Largest change of the count between two samples so far.
     pub jump: S::f64s,
     pub sum: S::f64s,
     pub squares: S::f64s,
@@ -139,12 +142,12 @@ pub struct Kept<S: SimdOps> {
     pub origin: S::f64s,
     /// All bits are set while the lane is in its window.
     pub within: S::u64s,
-    /// First position of the window, m. All bits of `watching` are set from the sample of this position on.
+    /// First position of the window in m. All bits of `watching` are set from the sample of this position on.
     pub origin_m: S::f64s,
     pub watching: S::u64s,
 }
 
-/// A vector that does not cross a cache line.
+/// A vector aligned in memory so that it does not cross a cache line.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Aligned<V>(pub V);
@@ -179,7 +182,7 @@ fn plus<S: SimdOps, const P: usize>(
     state
 }
 
-/// Change of the state in a sample by a force and by the hand's force.
+/// Change of the state in one sample, caused by a force of the actuator and by the hand's force.
 #[inline(always)]
 fn pushed<S: SimdOps, const P: usize>(
     simd: S,
@@ -206,7 +209,7 @@ macro_rules! each_field {
 }
 use each_field;
 
-/// Several samples of all lanes.
+/// Several samples of all lanes, to be computed in one call.
 pub struct Chunk<'a, S: SimdOps, const P: usize, const R: usize> {
     pub shared: &'a Shared<S, P>,
     pub kept: &'a [Kept<S>; R],
@@ -215,7 +218,7 @@ pub struct Chunk<'a, S: SimdOps, const P: usize, const R: usize> {
     pub actuation: &'a mut Actuation<S, R>,
     /// Receives all positions, if they are measured.
     pub motion: Option<&'a mut Motion<S, R>>,
-    /// Receives the speeds of a block, m/s, if the controller uses them.
+    /// Receives the speeds of a block in m/s, if the controller uses them.
     pub speeds: Option<&'a mut [Row<S, R>; ROWS]>,
     pub samples: u32,
 }
@@ -312,8 +315,8 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         }
     }
 
-    /// Computes the handle's positions, m, at the beginning of a block and after each sample. No command may arrive in
-    /// the block. With `LOOKS`, the handle's speeds, m/s, are computed too.
+    /// Computes the handle's positions in m, at the beginning of a block and after each sample. No command may arrive
+    /// in the block. With `LOOKS`, the handle's speeds in m/s are computed too.
     #[inline(always)]
     fn move_on<const LOOKS: bool>(
         &mut self,

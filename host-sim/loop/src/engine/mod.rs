@@ -9,9 +9,9 @@
 //! Fixed-point lanes use the same integers.
 //!
 //! # What is written again
-//! The compiler does not vectorise the core's own functions if a loop over arrays calls them per lane. In such a loop
-//! the functions take 8.6 ns per sample with AVX-512 enabled, as long as one lane at a time. So the slowest stages are
-//! written again here:
+//! If a loop over arrays calls the core's own functions once per lane, the compiler does not vectorise them. In such a
+//! loop the functions take 8.6 ns per sample with AVX-512 enabled. This is as long as one lane at a time takes. So the
+//! slowest stages are written again here:
 //! - quantiser, difference, plant and sums;
 //! - low-pass (`estimator/low_pass.rs`, `float.rs`);
 //! - wall, saturation and output code (`fixed.rs`).

@@ -31,8 +31,8 @@ use crate::{
 const CHUNK_SAMPLES: u32 = 512;
 /// Largest change of the count between two samples in a lane.
 const JUMP_MAX: f64 = (1 << 14) as f64;
-/// Largest distance of the count from zero at a check of a lane. Until the next check the count then stays within the
-/// core's range: 2^29 + 512 * 2^14 < 2^30.
+/// Largest distance of the count from zero when a lane is checked. Until the next check the count then stays within the
+/// core's range, because 2^29 + 512 * 2^14 < 2^30.
 const COUNT_MAX: f64 = (1 << 29) as f64;
 /// Sums of squares below this number are exact.
 const SQUARES_MAX: f64 = (1u64 << 53) as f64;
@@ -40,9 +40,9 @@ const SQUARES_MAX: f64 = (1u64 << 53) as f64;
 #[derive(Clone, Debug)]
 struct Running<'a> {
     hit: WallHit,
-    /// The scene with the hit's push.
+    /// The scene, with the push of this hit.
     prepared: &'a PreparedScene,
-    /// Samples that the hit has taken so far.
+    /// Number of samples that the hit has taken so far.
     samples: u32,
     surface: i32,
     /// First count of the window.
@@ -55,7 +55,7 @@ struct Scheduler<'a, 'c, S: SimdOps, const P: usize, const R: usize> {
     simd: S,
     task: Task<'a>,
     step: ExactStep<P>,
-    /// Whether a hit is over and the next hit waits for the next due output.
+    /// Whether a hit is over, so that the next hit waits for the next due output.
     waiting: bool,
     tally: Tally,
     shared: Shared<S, P>,
@@ -242,7 +242,7 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         lanes_mut(&mut self.kept[vector].within)[place] = mask(false);
     }
 
-    /// Samples until a lane must be checked. `None` if no lane has a hit.
+    /// Number of samples until a lane must be checked. `None` if no lane has a hit.
     fn until_next_event(&self) -> Option<u32> {
         let to_output = self.waiting.then(|| self.actuation.samples_to_output());
         let soonest = soonest(&self.running, self.task.prepared.plan(), self.shared.watches);
@@ -250,8 +250,8 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         Some(samples.min(CHUNK_SAMPLES))
     }
 
-    /// Checks a lane after `samples` more samples. Returns `None` if the lane's hit is not over, `Some(None)` if the
-    /// hit is over without a valid outcome, else the outcome.
+    /// Checks a lane after `samples` more samples. Returns `None` if the lane's hit is not over. If the hit is over,
+    /// returns its outcome, or `Some(None)` if the outcome is not valid.
     fn look(&mut self, lane: usize, samples: u32) -> Option<Option<Outcome>> {
         let running = self.running[lane].as_mut()?;
         running.samples += samples;
@@ -297,8 +297,9 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
     }
 }
 
-/// Samples until one of these hits must be checked. A hit is checked after the first sample of its window, because this
-/// sample gives the origin. The hit is also checked at its end, and with `watches` just before its window.
+/// Number of samples until one of these hits must be checked. A hit is checked after the first sample of its window,
+/// because this sample gives the origin, and at its end. With `watches`, the hit is also checked just before its
+/// window.
 fn soonest(running: &[Option<Running<'_>>], plan: &HitPlan, watches: bool) -> Option<u32> {
     let next = |running: &Running| match running.samples {
         n if watches && n < plan.settle => plan.settle - n,
@@ -309,7 +310,7 @@ fn soonest(running: &[Option<Running<'_>>], plan: &HitPlan, watches: bool) -> Op
 }
 
 impl Running<'_> {
-    /// Begins the window. `count` is its first count.
+    /// Begins the window. `count` is the first count of the window.
     fn open_window(&mut self, count: f64) {
         #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^30")]
         let count = count as i32;
@@ -318,8 +319,8 @@ impl Running<'_> {
         self.origin = count;
     }
 
-    /// Adds sums and deepest position of `samples` more samples, in counts relative to the first count of the window.
-    /// Returns `false` if the sums may not be exact.
+    /// Adds the sums and the deepest position of `samples` more samples. They are in counts relative to the first count
+    /// of the window. Returns `false` if the sums may not be exact.
     fn add(&mut self, samples: u32, [sum, squares]: [f64; 2], deepest: f64) -> bool {
         #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^53")]
         let integer = |value: f64| value as i64;
@@ -375,7 +376,7 @@ fn each<S: SimdOps, const P: usize>(simd: S, numbers: &[f64; P]) -> [S::f64s; P]
     vectors
 }
 
-/// Values for an output that are the same for all hits.
+/// Computes the values of an output that are the same for all hits.
 fn stage<S: SimdOps>(simd: S, task: Task<'_>) -> OutputStage<S> {
     let Task { prepared, numeric, .. } = task;
     let splat = |value: f64| simd.splat_f64s(value);

@@ -10,16 +10,16 @@ use pulp::{
 
 use crate::simulation::quantiser::INTEGER;
 
-/// A set of vector instructions. The functions in this trait work lane by lane on every machine. A machine that has an
-/// instruction for a function overrides the function.
+/// A set of vector instructions. Every machine can run the functions of this trait, which then work lane by lane. A
+/// backend whose machine has an instruction for a function overrides the function.
 pub trait SimdOps: Simd {
-    /// Signed 64-bit product of the lower halves as signed numbers. The upper halves may have any value.
+    /// Signed 64-bit product of the lower halves, read as signed numbers. The upper halves may have any value.
     #[inline(always)]
     fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
         each::<Self>(a, b, |a, b| (low(a) * low(b)).cast_unsigned())
     }
 
-    /// Product of the lower halves as unsigned numbers.
+    /// Product of the lower halves, read as unsigned numbers.
     #[inline(always)]
     fn unsigned_product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
         each::<Self>(a, b, |a, b| (a & 0xFFFF_FFFF) * (b & 0xFFFF_FFFF))
@@ -30,25 +30,25 @@ pub trait SimdOps: Simd {
         each::<Self>(a, a, |a, _| a << 16)
     }
 
-    /// `a >> 30`, filled with zeros.
+    /// `a >> 30`. The free bits become zeros.
     #[inline(always)]
     fn shift_right_30(self, a: Self::u64s) -> Self::u64s {
         each::<Self>(a, a, |a, _| a >> 30)
     }
 
-    /// `a << by`, `by` in 0 .. 63.
+    /// `a << by`, for `by` in 0 .. 63.
     #[inline(always)]
     fn shift_left(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
         each::<Self>(a, by, |a, by| a << (by & 63))
     }
 
-    /// `a >> by`, filled with zeros, `by` in 0 .. 63.
+    /// `a >> by`, for `by` in 0 .. 63. The free bits become zeros.
     #[inline(always)]
     fn shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
         each::<Self>(a, by, |a, by| a >> (by & 63))
     }
 
-    /// `a >> by` of signed numbers, `by` in 0 .. 63.
+    /// `a >> by` of signed numbers, for `by` in 0 .. 63.
     #[inline(always)]
     fn signed_shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
         let sign = self.splat_u64s(SIGN);
@@ -103,20 +103,21 @@ pub trait SimdOps: Simd {
         self.select_u64s(self.is_above(a, b), a, b)
     }
 
-    /// Whole numbers as integers in the lower 32 bits. Correct below 2^51 in magnitude. The upper bits are undefined.
+    /// Converts whole numbers to integers in the lower 32 bits. The result is correct below 2^51 in magnitude. The
+    /// upper bits are undefined.
     #[inline(always)]
     fn to_low(self, whole: Self::f64s) -> Self::u64s {
         cast(self.add_f64s(whole, self.splat_f64s(INTEGER)))
     }
 
-    /// Signed 64-bit numbers as floats. Exact below 2^51 in magnitude.
+    /// Converts signed 64-bit numbers to floats. The result is exact below 2^51 in magnitude.
     #[inline(always)]
     fn to_float(self, number: Self::u64s) -> Self::f64s {
         let bits = self.add_u64s(number, self.splat_u64s(INTEGER.to_bits()));
         self.sub_f64s(cast(bits), self.splat_f64s(INTEGER))
     }
 
-    /// Whole numbers as signed 64-bit numbers. Correct below 2^51 in magnitude.
+    /// Converts whole numbers to signed 64-bit numbers. The result is correct below 2^51 in magnitude.
     #[inline(always)]
     fn to_integer(self, whole: Self::f64s) -> Self::u64s {
         self.sub_u64s(self.to_low(whole), self.splat_u64s(INTEGER.to_bits()))
@@ -133,7 +134,7 @@ pub trait SimdOps: Simd {
         self.signed(size, value)
     }
 
-    /// The nearest whole number, halves away from zero: [`f64::round`].
+    /// The nearest whole number, as [`f64::round`] gives it. Halves are rounded away from zero.
     #[inline(always)]
     fn round(self, value: Self::f64s) -> Self::f64s {
         let half = self.splat_f64s(0.5f64.next_down()); // with 0.5, the number just below 0.5 would be rounded to 1
@@ -147,7 +148,7 @@ pub trait SimdOps: Simd {
         cast(self.or_u64s(cast(size), cast(sign)))
     }
 
-    /// The largest whole number not above `value`. Correct below 2^51 in magnitude.
+    /// The largest whole number not above `value`. The result is correct below 2^51 in magnitude.
     #[inline(always)]
     fn floor(self, value: Self::f64s) -> Self::f64s {
         let integer = self.splat_f64s(INTEGER);

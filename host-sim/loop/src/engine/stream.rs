@@ -1,4 +1,5 @@
-//! Runs numbered, independent hits on all threads, with outcomes in order. Only one block of hits is in memory.
+//! Runs numbered, independent hits on all threads, and returns the outcomes in order. Only one block of hits is in
+//! memory.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -10,8 +11,8 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Hits of a block for each lane of each thread. At the end of a block, lanes wait for the block's last hit. The lanes
-/// spend 1 % of the time in this wait.
+/// Number of hits of a block for each lane of each thread. At the end of a block, lanes wait for the block's last hit.
+/// This wait takes 1 % of the time.
 const HITS_PER_LANE: u64 = 64;
 
 /// Runs the hits 0 .. `total` that `hit` describes, and passes each outcome to `sink`, in order. The outcomes depend

@@ -65,7 +65,7 @@ fn outcomes(
     (work.outcomes.into_iter().map(Option::unwrap).collect(), tally)
 }
 
-/// An outcome with its measured values as bits.
+/// An outcome whose measured values are given as bits, so that they can be compared exactly.
 fn bits(outcome: &Result<Outcome, HitError>) -> Result<(Verdict, Vec<Option<u64>>), HitError> {
     outcome.clone().map(|Outcome { verdict, rms_m, measures }| {
         let of = |value: fn(&Measures) -> Option<f64>| measures.as_ref().and_then(value);
@@ -88,8 +88,8 @@ fn hold(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     hold_with(prepared, &hits.iter().map(own).collect::<Vec<_>>())
 }
 
-/// Compares every engine and backend with the scalar loop. Returns how many hits stayed in their lanes: the smallest
-/// number over the backends with lanes.
+/// Compares every engine and backend with the scalar loop. Counts the hits that stayed in their lanes, and returns the
+/// smallest count over the backends with lanes.
 fn hold_with(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     let mut least = u64::MAX;
     for numeric in NUMERICS {
@@ -104,7 +104,7 @@ fn hold_with(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
                         rms_m: Some(report.rms_m),
                         measures: measures(&report),
                     }),
-                    // expected outcome, from a hit that is run to its end
+                    // the expected outcome comes from a hit that is run to its end
                     Depth::Bounded => match prepared.hit(numeric, hit, |_| {}) {
                         Err(HitError::OutOfRange(_)) => Ok(Outcome::of(Verdict::Unstable)),
                         whole => whole.map(|report| Outcome {
@@ -235,7 +235,8 @@ fn what_has_no_lanes_runs_all_the_same() {
     }
 }
 
-/// The scene with this estimator, a suitable cutoff of the sweep, and an accelerometer if the estimator needs one.
+/// The scene with this estimator, and with a suitable cutoff in its sweep. If the estimator needs an accelerometer, the
+/// scene gets one.
 fn with_estimator(mut scene: Scene, velocity: VelocitySettings) -> Scene {
     scene.sweep.cutoffs_hz = vec![0.1 * scene.control.rate_hz];
     if velocity.name().sense() == Some(Sense::Acceleration) {
@@ -355,7 +356,8 @@ fn hits_at_the_ends_of_the_ranges_leave_their_lanes() {
     assert!(hold(&prepared, &hits) < hits.len() as u64, "some left");
 }
 
-/// Every estimator, with slow and fast tuning. Some estimators reach their limits before the handle reaches its limits.
+/// Runs every estimator with slow and fast tuning. Some estimators reach their limits before the handle reaches its
+/// limits.
 #[test]
 fn estimators_at_the_ends_of_their_ranges_leave_their_lanes() {
     let hits = grid(&[800.0], &[20.0], &[0.01, 0.05]);

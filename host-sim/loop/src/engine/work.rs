@@ -8,25 +8,26 @@ use crate::simulation::{
     window::Measures,
 };
 
-/// Which part of a hit is run.
+/// How far a hit is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
-    /// Until the verdict is certain. If the handle leaves the core's range, the hit is unstable.
+    /// The hit runs until the verdict is certain. If the handle leaves the core's range, the hit is unstable.
     Verdict,
-    /// Until the hit is certain to be unstable. A hit that is not unstable runs to its end and gives measures. If the
-    /// handle leaves the core's range, the hit is unstable.
+    /// The hit runs until it is certain to be unstable. A hit that is not unstable runs to its end and gives measures.
+    /// If the handle leaves the core's range, the hit is unstable.
     Bounded,
-    /// To the end of the hit, for the RMS. If the handle leaves the core's range, the hit is an error.
+    /// The hit runs to its end, so that the RMS can be computed. If the handle leaves the core's range, the hit is an
+    /// error.
     Whole,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
     pub verdict: Verdict,
-    /// Population RMS over the window, m. Only with [`Depth::Whole`].
+    /// Population RMS over the window in m. Only given with [`Depth::Whole`].
     pub rms_m: Option<f64>,
-    /// Measures of the window, if the scene uses more than the counts. Only with [`Depth::Whole`], and with
-    /// [`Depth::Bounded`] for hits that are not unstable.
+    /// Measures of the window, if the scene uses more than the counts. They are given with [`Depth::Whole`]. With
+    /// [`Depth::Bounded`], they are given for hits that are not unstable.
     pub measures: Option<Measures>,
 }
 
@@ -36,7 +37,7 @@ impl Outcome {
     }
 }
 
-/// Number of hits that were run in lanes, and number of hits that were run in the scalar loop.
+/// How many hits were run in lanes, and how many in the scalar loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Hits that stayed in their lanes to the end.
@@ -45,7 +46,7 @@ pub struct Tally {
     pub scalar: u64,
 }
 
-/// Source of hits, and receiver of their outcomes.
+/// Gives hits to the lanes, and receives the outcomes.
 pub trait Work {
     /// The next hit for a free lane. After `None` the lane is not used again.
     fn next(&mut self, lane: usize) -> Option<WallHit>;
@@ -70,14 +71,15 @@ pub fn one_by_one(task: Task<'_>, work: &mut Pushes<'_>) -> Tally {
     tally
 }
 
-/// Work with several pushes. A lane tests each wall at each push of the scene, until the wall fails at a push.
+/// Work with several pushes. A lane tests each wall at one push of the scene after another, until the wall fails or has
+/// passed all pushes.
 pub struct Pushes<'a> {
     work: &'a mut dyn Work,
     pushes: &'a [PreparedScene],
     lanes: Vec<Option<Begun>>,
 }
 
-/// A wall that was stable at the first pushes.
+/// A wall that was stable at the first pushes. The next pushes are still to be tested.
 struct Begun {
     hit: WallHit,
     next: usize,

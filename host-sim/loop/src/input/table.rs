@@ -12,9 +12,9 @@ pub const FROM_0: RangeInclusive<f64> = 0.0..=f64::MAX;
 /// Characters that may separate two cells.
 const DELIMITERS: [char; 3] = [',', ';', '\t'];
 const ROWS_MAX: usize = 8_000_000;
-/// Longest line of a table, bytes.
+/// Length of the longest line that a table may have, in bytes.
 const LINE_MAX: usize = 1 << 20;
-/// Longest cell in a message, characters.
+/// Number of characters of a cell that a message shows.
 const SHOWN: usize = 30;
 
 /// A column's name, and the range of its numbers.
@@ -53,15 +53,15 @@ impl<'a> Table<'a> {
         &self.header
     }
 
-    /// Line of the header, from 1 on.
+    /// Line number of the header, from 1 on.
     pub fn line(&self) -> usize {
         self.line
     }
 
-    /// The rows: line number and numbers of each row.
+    /// The rows of the table. Each row is its line number and its numbers.
     ///
     /// # Errors
-    /// One line: line number in the file, column, and allowed values.
+    /// One line with the line number in the file, the column, and the allowed values.
     pub fn numbers<const N: usize>(
         &self,
         columns: &[Column<'_>; N],
@@ -119,7 +119,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// The lines with their numbers from 1 on, except blank lines and comments. A line ends with LF, CRLF or CR.
+/// The lines with their numbers, from 1 on. Blank lines and comments are left out. A line ends with LF, CRLF or CR.
 fn lines(text: &str) -> impl Iterator<Item = (&str, usize)> {
     let lines =
         text.split('\n').flat_map(|line| line.strip_suffix('\r').unwrap_or(line).split('\r'));
@@ -129,12 +129,13 @@ fn lines(text: &str) -> impl Iterator<Item = (&str, usize)> {
     })
 }
 
-/// A text without blanks at both ends. Other characters that do not print stay, so the value is invalid.
+/// The text without blanks at both ends. Other characters that do not print are not removed, so they make the value
+/// invalid.
 fn trim(text: &str) -> &str {
     text.trim_matches([' ', '\t'])
 }
 
-/// A number with a decimal point, or with a decimal comma if the comma does not separate cells.
+/// Parses a number with a decimal point. A decimal comma is also allowed, if the comma does not separate cells.
 fn number(cell: &str, delimiter: char) -> Option<f64> {
     let has_comma = delimiter != ',' && !cell.contains('.');
     let number = if has_comma { cell.replacen(',', ".", 1).parse() } else { cell.parse() };
@@ -194,7 +195,8 @@ impl Splitter {
     }
 }
 
-/// A cell without blanks and quotes at its ends. The CSV reader keeps a quote that follows a blank.
+/// The cell without blanks and quotes at its ends. The CSV reader keeps a quote that follows a blank, so it is removed
+/// here.
 fn clean(cell: &str) -> &str {
     let cell = trim(cell);
     cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).map_or(cell, trim)

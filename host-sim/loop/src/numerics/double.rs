@@ -2,8 +2,8 @@
 
 use std::ops::{Add, Mul, Sub};
 
-/// A number as the sum of two floats. The second float is at most half an LSB of the first float. (The crate `twofloat`
-/// has this type too, but would add a second `syn` to every build.)
+/// A number as the sum of two floats. The second float is at most half an LSB of the first float. The crate `twofloat`
+/// has this type too, but it would add a second `syn` to every build.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Double {
     high: f64,
@@ -37,7 +37,7 @@ fn quick_sum(a: f64, b: f64) -> Double {
     Double { high, low: b - (high - a) }
 }
 
-/// A product and its rounding error, from halves of 26 bits (Dekker, Numer. Math. 18, 1971).
+/// A product and its rounding error. Both are computed from halves of 26 bits (Dekker, Numer. Math. 18, 1971).
 #[inline]
 fn two_product(a: f64, b: f64) -> Double {
     const HALVES: f64 = 134_217_729.0; // 2^27 + 1

@@ -1,4 +1,5 @@
-//! Discrete Fourier transforms with the same bits on every machine. Vector instructions of a machine would change bits.
+//! Discrete Fourier transforms that give the same bits on every machine. The vector instructions of a machine would
+//! change bits, so none are used.
 //!
 //! Powers of two use Stockham's form in radix 4, with a last stage in radix 2 (C. Van Loan, *Computational Frameworks
 //! for the Fast Fourier Transform*, 1992, sections 1.7 and 4.4). Other lengths use a convolution with a chirp
@@ -43,12 +44,12 @@ pub struct RealSpectrum {
 }
 
 impl RealSpectrum {
-    /// Tables for a signal of at most `samples` samples.
+    /// Makes the tables for a signal of at most `samples` samples.
     pub fn new(samples: usize) -> Self {
         Self { table: Table::new(samples.max(4).next_power_of_two() / 2) }
     }
 
-    /// Number of samples, including the zeros.
+    /// Number of samples of the padded signal, including the zeros.
     pub fn length(&self) -> usize {
         2 * self.table.length
     }
@@ -81,7 +82,7 @@ type Parts = [Vec<f64>; 2];
 #[derive(Clone, Debug, PartialEq)]
 struct Table {
     length: usize,
-    /// `exp(-pi i k / length)` over the whole circle, real and imaginary parts.
+    /// `exp(-pi i k / length)` over the whole circle, as real and imaginary parts.
     turns: Parts,
 }
 

@@ -1,4 +1,4 @@
-//! Random numbers for a sample: functions of seed and sample number, independent of threads and other draws.
+//! Random numbers that depend only on seed and sample number. They do not depend on threads or on other draws.
 //!
 //! Source: the output function of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators",
 //! OOPSLA 2014) on a counter; Box and Muller, Ann. Math. Stat. 29, 1958.
@@ -31,7 +31,7 @@ pub fn uniform_with_zero(seed: u64, n: u64) -> f64 {
     high(bits(seed, n)) / (1u64 << 53) as f64
 }
 
-/// Gaussian number from two uniform numbers: `radius` over (0, 1], `angle` over (0, 1) or [0, 1).
+/// A Gaussian number from two uniform numbers. `radius` is uniform over (0, 1], `angle` over (0, 1) or [0, 1).
 #[inline]
 pub fn box_muller(radius: f64, angle: f64) -> f64 {
     libm::sqrt(-2.0 * libm::log(radius)) * libm::cos(TAU * angle)
@@ -49,7 +49,7 @@ mod tests {
 
     #[test]
     fn bits_are_those_of_splitmix64() {
-        // First numbers of the reference implementation after seed 1234567.
+        // the first numbers that the reference implementation gives after seed 1234567
         let expected =
             [6_457_827_717_110_365_317, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423];
         assert_eq!([0, 1, 2].map(|n| bits(1_234_567, n)), expected);
@@ -60,7 +60,7 @@ mod tests {
         let n = 200_000u32;
         let draws: Vec<f64> = (0..u64::from(n)).map(|i| gaussian(7, i)).collect();
         let mean_of = |power: i32| draws.iter().map(|x| x.powi(power)).sum::<f64>() / f64::from(n);
-        // Four standard errors: sqrt(1/n), sqrt(2/n), sqrt(15/n), sqrt(96/n).
+        // The limits are four standard errors: sqrt(1/n), sqrt(2/n), sqrt(15/n) and sqrt(96/n).
         for (power, expected, error) in
             [(1, 0.0, 0.009), (2, 1.0, 0.013), (3, 0.0, 0.035), (4, 3.0, 0.088)]
         {

@@ -1,19 +1,19 @@
-//! Decides whether two results differ: Welch's unequal variances t-test (Biometrika 34, 1947).
+//! Decides whether two results differ, with Welch's unequal variances t-test (Biometrika 34, 1947).
 
 use statrs::distribution::{ContinuousCDF as _, StudentsT};
 
 /// A result is as good as the best result if its mean is at least this fraction of the best mean.
 pub const AS_GOOD_AS_BEST: f64 = 0.98;
-/// Probability that the test rejects a result that is exactly at the limit.
+/// Probability that the test rejects a result whose mean is exactly at the limit.
 pub const LEVEL: f64 = 0.05;
 
 /// Mean of several repeats, and the squared standard error of this mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Repeats {
     pub count: f64,
-    /// Mean of the repeats; 0 without repeats.
+    /// Mean of the repeats. It is 0 without repeats.
     pub mean: f64,
-    /// Square of the standard error of the mean; 0 with a single repeat.
+    /// Square of the standard error of the mean. It is 0 with a single repeat.
     pub squared_error: f64,
 }
 
@@ -25,7 +25,7 @@ impl Repeats {
         Self { count, mean, squared_error: squares / (count - 1.0).max(1.0) / count }
     }
 
-    /// Half width of the mean's 95 % confidence interval, by Student's t; infinite with a single repeat.
+    /// Half width of the mean's 95 % confidence interval, by Student's t. It is infinite with a single repeat.
     pub fn half_width(&self) -> f64 {
         if self.squared_error == 0.0 && self.count > 1.0 {
             return 0.0;

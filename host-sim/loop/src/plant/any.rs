@@ -30,7 +30,7 @@ pub enum AnyPlant {
     Six(ExactStep<6>),
     /// Three bodies and an amplifier.
     Seven(ExactStep<7>),
-    /// A plant that is integrated, or whose encoder readings have errors.
+    /// A plant that is integrated, or a plant whose encoder readings have errors.
     Other(Arc<dyn OtherPlant>),
 }
 
@@ -52,7 +52,7 @@ macro_rules! each_plant {
 }
 pub use each_plant;
 
-/// [`Plant`] with a state type that fits all plants, for calls through a vtable.
+/// The functions of [`Plant`] with a state type that fits all plants, so that they can be called through a vtable.
 pub trait OtherPlant: Debug + Send + Sync {
     fn any_at_rest(&self, position_m: f64) -> AnyState;
     fn any_position_m(&self, state: &AnyState) -> f64;
@@ -121,7 +121,7 @@ impl<P: Plant + Debug + Send + Sync> OtherPlant for P {
 }
 
 impl AnyPlant {
-    /// Change of the states in a sample by the hand's constant force. 0 for [`Self::Other`].
+    /// Change of each state in one sample, caused by the hand's constant force. It is 0 for [`Self::Other`].
     pub(crate) fn hand(&self) -> [f64; 7] {
         match self {
             Self::Plain(step) => step.padded::<7>().hand,
@@ -134,8 +134,8 @@ impl AnyPlant {
         }
     }
 
-    /// The plant of a scene with the errors of its encoder, sampled every `sample_s`. A command takes effect at
-    /// `fraction` (0 to below 1) of the sample.
+    /// The plant of a scene, with the errors of its encoder. The plant is sampled every `sample_s`. A command takes
+    /// effect at `fraction` (0 to below 1) of the sample.
     pub fn of(scene: &Scene, sample_s: f64, fraction: f64) -> Self {
         let sensing = Sensing::of(scene);
         let plant = Self::ideal(scene, sample_s, fraction);
@@ -155,7 +155,7 @@ impl AnyPlant {
         Self::ideal(scene, sample_s, fraction).driven(scene)
     }
 
-    /// The plant with the scene's amplifier before it, if the amplifier has an error.
+    /// Puts the error of the scene's amplifier before the plant, if the amplifier has an error.
     fn driven(self, scene: &Scene) -> Self {
         match scene.amplifier_error {
             None => self,
@@ -191,7 +191,7 @@ impl AnyPlant {
         )))
     }
 
-    /// The exact step over `sample_s`, split at `fraction` (0 to below 1) of the sample.
+    /// The exact step over `sample_s`. A command takes effect at `fraction` (0 to below 1) of the sample.
     pub fn exact(chain: &Chain, sample_s: f64, fraction: f64) -> Self {
         match chain.states() {
             2 => {

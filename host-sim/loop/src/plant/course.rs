@@ -15,11 +15,11 @@ pub struct Places<'a> {
     pub counts: &'a mut [i32; RUN],
 }
 
-/// True speeds and forces of a run, filled only if `watched`.
+/// True speeds and forces of a run. They are filled only if `watched` is set.
 #[derive(Clone, Copy, Debug)]
 pub struct Course {
     pub speeds_m_per_s: [f64; RUN],
-    /// Force on the handle at the end of each sample except the last, N.
+    /// Force on the handle at the end of each sample except the last, in N.
     pub outputs_n: [f64; RUN],
 }
 
@@ -31,12 +31,12 @@ pub struct Span {
     pub samples: usize,
     /// Whether the [`Course`] is filled.
     pub watched: bool,
-    /// Command that acts at the beginning of the run, N.
+    /// Command that acts at the beginning of the run, in N.
     pub acting_n: f64,
     /// Index of the sample in which a second command takes effect. The index is beyond the run if there is no second
     /// command.
     pub arrival: usize,
-    /// The second command, N, which takes effect in sample `arrival`.
+    /// The second command, in N. It takes effect in sample `arrival`.
     pub arriving_n: f64,
     pub encoder: Quantiser,
 }
@@ -88,7 +88,7 @@ impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
         state
     }
 
-    /// Moves the plant over several samples under one command.
+    /// Moves the plant over several samples, while one command acts.
     #[inline(always)]
     fn under(&mut self, mut state: P::State, acting_n: f64, samples: Range<usize>) -> P::State {
         for sample in samples {
@@ -99,8 +99,8 @@ impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
         state
     }
 
-    /// Stores the values of a sample. The first command acts from the sample's beginning to the split, the second
-    /// command from the split on.
+    /// Stores the values of a sample. The first command acts from the sample's beginning to the split. The second
+    /// command acts from the split on.
     #[inline(always)]
     fn note(&mut self, state: &P::State, sample: usize, [before_n, after_n]: [f64; 2]) {
         let sample = sample % RUN; // no effect on the value; saves the bounds checks below

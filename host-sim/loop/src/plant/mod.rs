@@ -11,7 +11,8 @@
 //!
 //! A hand's constant force changes the state by the same amount in every sample.
 //!
-//! The only errors are rounding errors. Forces or lengths scaled by a power of two give exactly scaled results.
+//! The only errors are rounding errors. If forces or lengths are scaled by a power of two, the results are scaled
+//! exactly.
 
 mod any;
 mod course;
@@ -35,41 +36,41 @@ use crate::scene::element::STATES_MAX;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
     pub index: u64,
-    /// Command at the sample's beginning, N.
+    /// Command at the sample's beginning, in N.
     pub before_n: f64,
-    /// Command from the sample's split on, N.
+    /// Command from the sample's split on, in N.
     pub after_n: f64,
 }
 
-/// A device under the actuator's force, advanced one sample at a time.
+/// A device that the actuator's force moves, advanced one sample at a time.
 pub trait Plant: Clone {
     type State: Copy + core::fmt::Debug;
 
     /// State of a handle at rest at `position_m`, before a force acts.
     fn at_rest(&self, position_m: f64) -> Self::State;
-    /// Position of motor and encoder, m.
+    /// Position of motor and encoder in m.
     fn position_m(&self, state: &Self::State) -> f64;
-    /// Speed of motor and encoder, m/s.
+    /// Speed of motor and encoder in m/s.
     fn speed_m_per_s(&self, state: &Self::State) -> f64;
-    /// Force of the actuator for the command `output_n`, N. Force and command differ only by an amplifier's lag.
+    /// The force of the actuator for the command `output_n`, in N. Force and command differ only by an amplifier's lag.
     #[inline]
     fn force_n(&self, _state: &Self::State, output_n: f64) -> f64 {
         output_n
     }
-    /// Position that the encoder reads for a sample, m, before quantisation. The reading differs from the true position
-    /// if the encoder reads late or has errors.
+    /// The position that the encoder reads for a sample, in m, before quantisation. The reading differs from the true
+    /// position if the encoder reads late or has errors.
     #[inline]
     fn reading_m(&self, state: &Self::State, _moment: &Moment) -> f64 {
         self.position_m(state)
     }
-    /// Position after `delay_s` (shorter than a sample), m. The two commands act before and after the split. `None`
-    /// from a plant with an exact step, which is for whole samples only.
+    /// The position after `delay_s` (shorter than a sample), in m. The two commands act before and after the split. A
+    /// plant with an exact step returns `None`, because its step is for whole samples only.
     fn later_m(&self, _state: &Self::State, _delay_s: f64, _forces_n: [f64; 2]) -> Option<f64> {
         None
     }
-    /// State one sample later, under the constant command `force_n`.
+    /// The state one sample later, if `force_n` is commanded for the whole sample.
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State;
-    /// State one sample later. `before_n` is commanded until the split, `after_n` from the split on.
+    /// The state one sample later, if `before_n` is commanded until the split and `after_n` from the split on.
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State;
     /// Moves the plant over the samples of a run. The encoder reads at each sample.
     #[inline(always)]
@@ -82,7 +83,7 @@ pub trait Plant: Clone {
     ) -> Self::State {
         course.run(self, state, span, places)
     }
-    /// Number of tried integration steps since the state at rest; 0 without an integrator.
+    /// Number of integration steps that were tried since the state at rest. It is 0 without an integrator.
     fn steps(&self, _state: &Self::State) -> u64 {
         0
     }

@@ -9,7 +9,7 @@ pub struct Quantiser {
     /// Length of a count, m per count.
     pub resolution_m: f64,
     pub rounding: Rounding,
-    /// Counts per metre, the reciprocal of the resolution.
+    /// Counts per metre: the reciprocal of the resolution.
     per_m: f64,
     /// [`ABOVE`], plus 1/2 if the encoder rounds to nearest. This number is added to a position in counts.
     above: f64,
@@ -19,8 +19,8 @@ pub struct Quantiser {
 /// units of 2^-20.
 const ABOVE: f64 = 1.5 * (1u64 << 32) as f64;
 const FRACTION_BITS: u32 = 20;
-/// Distance, units of 2^-20. If a sum is at least this far from every whole number, sum and exact quotient have the
-/// same floor.
+/// Smallest distance to a whole number that is still safe, in units of 2^-20. If a sum is at least this far from every
+/// whole number, sum and exact quotient have the same floor.
 const CLOSE: u64 = 4;
 
 impl Quantiser {
@@ -108,7 +108,8 @@ mod tests {
         }
     }
 
-    /// The count is the floor of the place: at borders, beside borders, at the ends, for NaN, and for random positions.
+    /// The count is the floor of the place. Tested at and near borders, at the ends of the range, for NaN, and for
+    /// random positions.
     #[test]
     fn a_count_is_the_floor_of_its_place() {
         let numbers = (0..).map(|n| random::uniform_with_zero(20_261_126, n));

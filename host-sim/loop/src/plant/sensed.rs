@@ -28,8 +28,8 @@ impl Sensing {
         *self == Self::default()
     }
 
-    /// Position that the encoder reads, m, with error and noise, before quantisation. `hit` and `sample` select the
-    /// noise.
+    /// The position that the encoder reads, in m. It has error and noise, and is not quantised yet. `hit` and `sample`
+    /// select the noise.
     #[inline]
     pub fn shown_m(&self, position_m: f64, hit: u64, sample: u64) -> f64 {
         let mut shown_m = position_m;
@@ -60,7 +60,7 @@ pub struct SensedState<S> {
 }
 
 impl<P: Plant> Sensed<P> {
-    /// `chain` and `split_s` must be those of `plant`.
+    /// Adds the errors to a plant. `chain` and `split_s` must be those of the plant.
     pub fn new(plant: P, sensing: Sensing, chain: &Chain, split_s: f64) -> Self {
         let by_itself = plant.later_m(&plant.at_rest(0.0), 0.0, [0.0; 2]).is_some();
         let glimpses = sensing
@@ -177,7 +177,7 @@ mod tests {
         scene
     }
 
-    /// Compares late readings with exact steps. The length of each step is the delay.
+    /// Compares late readings with exact steps whose length is the delay.
     fn late_readings(scene: &Scene, fraction: f64, tolerance_m: f64) {
         let mut with = scene.clone();
         with.jitter = Some(JITTER);

@@ -9,7 +9,7 @@ use zwidth::units::Acceleration;
 use super::Scene;
 use crate::range::within;
 
-/// Corner of the accelerometer's low-pass, Hz.
+/// Corner of the accelerometer's low-pass in Hz.
 const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e6;
 
 /// An accelerometer on the body that carries motor and encoder. It stays on this body if `[mode]` adds a second mass. A
@@ -19,7 +19,7 @@ const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e6;
 pub struct Accelerometer {
     /// Largest magnitude of a reading.
     pub full_scale_m_per_s2: f64,
-    /// Step of a reading. 0: no quantisation.
+    /// Smallest step between two readings. 0: no quantisation.
     #[serde(default)]
     pub resolution_m_per_s2: f64,
     /// Density of the reading's noise.

@@ -68,7 +68,7 @@ pub struct SafetyTable {
     pub sign_test_force: Option<f64>,
     /// Counts that the sign test must detect. Absent: 22 % of the free handle's motion.
     pub sign_test_counts: Option<u32>,
-    /// Mass of the heaviest handle, with hand and arm, for a push. Absent: 20 times the device's mass.
+    /// Mass of the heaviest handle for a push, including hand and arm. Absent: 20 times the device's mass.
     pub heaviest_mass_kg: Option<f64>,
     /// Damping of the heaviest handle. Absent: 20 times the device's damping, and at least the heaviest mass divided by
     /// 0.1 s.
@@ -146,7 +146,7 @@ pub struct OnBoard {
     pub guessed: Vec<Guess>,
 }
 
-/// A key that the scene leaves out, and the guessed value.
+/// A key that the scene leaves out, and the value that is guessed for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guess {
     key: &'static str,
@@ -154,7 +154,7 @@ pub struct Guess {
 }
 
 impl Guess {
-    /// The guess as text `KEY VALUE`, in the scene's units.
+    /// The guess as the text `KEY VALUE`, in the scene's units.
     pub fn told(&self, units: Units) -> String {
         match units.key(self.key) {
             Some((key, factor)) => {
@@ -164,7 +164,7 @@ impl Guess {
         }
     }
 
-    /// The key in a linear scene.
+    /// The key as a linear scene names it.
     pub fn key(&self) -> &'static str {
         self.key
     }
@@ -183,24 +183,25 @@ impl Keys {
     }
 }
 
-/// Full scale of the paper's device, N. Guesses are scaled from this force.
+/// Full scale of the paper's device in N. Guesses are scaled from this force.
 const PAPER_FULL_SCALE_N: f64 = 5.906;
 /// Part of the free handle's motion that the sign test must detect.
 const SIGN_PART: f64 = 0.22;
-/// Mass of the heaviest handle divided by the mass of the device. The factor allows for a hand on the handle and for
-/// the error of the guess.
+/// The mass of the heaviest handle is guessed as this many times the mass of the device. The factor allows for a hand
+/// on the handle and for the error of the guess.
 const HEAVIEST: f64 = 20.0;
-/// Longest time constant (mass / damping) of the heaviest handle, s.
+/// Longest time constant (mass / damping) of the heaviest handle, in s.
 const HEAVIEST_S: f64 = 0.1;
-/// A quarter of the sign test's time, s (src/safety/sign.rs has the equation).
+/// A quarter of the time that the sign test takes, in s. `src/safety/sign.rs` has the equation.
 const SIGN_QUARTER_S: f64 = 0.025;
-/// Smallest distance of a guess, counts: four, and a margin for the digits that a shortened guess loses.
+/// Smallest distance that is guessed, in counts. It is four counts, and a margin for the digits that a shortened guess
+/// loses.
 const LEAST_COUNTS: f64 = 4.0 * (1.0 + 1e-8);
-/// Travel before the start and beyond the wall, if the scene has no `[travel]`, m.
+/// Travel before the start and beyond the wall if the scene has no `[travel]`, in m.
 const ROOM_M: f64 = 0.04;
 
 impl Scene {
-    /// Motion of the free handle in the sign test, m: 2 f h^2 / m. `force` is a fraction of full scale.
+    /// Motion of the free handle in the sign test, in m. It is 2 f h^2 / m. `force` is a fraction of full scale.
     pub fn sign_test_m(&self, force: f64) -> f64 {
         2.0 * force * self.full_scale_n() * SIGN_QUARTER_S.powi(2) / self.device.mass_kg
     }
@@ -313,7 +314,7 @@ impl Scene {
         OnBoard { safety: settings, calibration, duty, current, back, signs, guessed: keys.0 }
     }
 
-    /// Checks the tables for a board. A table that the scene does not have is not checked.
+    /// Checks the tables that a board needs. A table that the scene does not have is not checked.
     pub(super) fn check_board(&self) -> Result<(), String> {
         let Self { board, safety, motor, back, .. } = self;
         if let Some(board) = board {

@@ -8,9 +8,11 @@ use super::{
 };
 use crate::range::{refused, within};
 
-/// Shortest window with `protocol = "hand"`, s. A shorter spectrum cannot separate a hand's sway from faster motion.
+/// Shortest window with `protocol = "hand"`, in s. The spectrum of a shorter window cannot separate a hand's sway from
+/// faster motion.
 const WINDOW_OF_HAND_S: f64 = 0.5;
-/// Lowest output rate with `protocol = "hand"`, Hz. Slower outputs cannot show motion faster than a hand's sway.
+/// Lowest output rate with `protocol = "hand"`, in Hz. Slower outputs cannot show motion that is faster than a hand's
+/// sway.
 const OUTPUT_OF_HAND_HZ: f64 = 100.0;
 
 /// Allowed ranges of values that only the simulator uses.
@@ -22,26 +24,27 @@ pub mod ranges {
     pub const STIFFNESS_N_PER_M: RangeInclusive<f64> = 0.0..=1e9;
     pub const POSITION_M: RangeInclusive<f64> = -1e3..=1e3;
     pub const GAIN_N_PER_V: RangeInclusive<f64> = 1e-6..=1e6;
-    /// Largest command of an actuator, V.
+    /// Largest command of an actuator in V.
     pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
     /// Largest number of values in a list.
     pub const VALUES_MAX: usize = 10_000;
-    /// Limit of the sensation level, dB.
+    /// Limit of the sensation level in dB.
     pub const FELT_DB: RangeInclusive<f64> = -60.0..=120.0;
     pub const FORCE_RMS_N: RangeInclusive<f64> = 1e-9..=1e6;
-    /// Push of a hand, N.
+    /// Push of a hand in N.
     pub const HAND_N: RangeInclusive<f64> = -1e5..=1e5;
-    /// Delay from encoder reading to force, in samples.
+    /// Delay from the encoder's reading to the force, in samples.
     pub const LATENCY: RangeInclusive<f64> = 0.0..=1000.0;
 }
 
-/// Shortest window with a sensation level, s. A shorter window has no frequency bin at 2 Hz.
+/// Shortest window with a sensation level, in s. A shorter window has no frequency bin at 2 Hz.
 const FELT_WINDOW_S: f64 = 0.5;
-/// Longest window with a sensation level, samples. The motion of a longer window takes too much memory in lanes.
+/// Longest window with a sensation level, in samples. The motion of a longer window would take too much memory in
+/// lanes.
 const FELT_SAMPLES_MAX: u32 = 1 << 17;
 
 impl Scene {
-    /// Shortest and longest window with a sensation level, s.
+    /// Shortest and longest window with a sensation level, in s.
     pub fn felt_window_s(&self) -> [f64; 2] {
         [FELT_WINDOW_S, f64::from(FELT_SAMPLES_MAX) / self.control.rate_hz]
     }
@@ -55,7 +58,7 @@ impl Scene {
     /// Checks every value.
     ///
     /// # Errors
-    /// One line: key, value, allowed range.
+    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         self.check_loop().and_then(|()| self.check_sweep())
     }
@@ -171,7 +174,7 @@ impl Scene {
     }
 }
 
-/// The core's error, with the key of the scene in place of the core's name.
+/// The core's error text. The core's name of the value is replaced by the key of the scene.
 fn in_scene(error: &SettingsError) -> String {
     let key = match error.parameter {
         "rate_hz" => "control.rate_hz",

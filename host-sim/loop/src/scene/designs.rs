@@ -60,7 +60,7 @@ impl Scene {
         }
     }
 
-    /// The designs in the form of a device record, sorted by name.
+    /// The designs as a device record stores them, sorted by name.
     pub fn named_filters(&self) -> Vec<NamedFilter> {
         let named = |(name, design): (&String, &VelocityTable)| {
             Some(NamedFilter { name: Name::new(name)?, velocity: design.settings()? })
@@ -68,8 +68,8 @@ impl Scene {
         self.designs.iter().filter_map(named).collect()
     }
 
-    /// The scene with this design as its filter. The sweep of the new scene has only the design's cutoff, because the
-    /// design may not allow other cutoffs.
+    /// The scene with this design as its filter. The new scene's sweep has only the design's cutoff, because the design
+    /// may not allow other cutoffs.
     ///
     /// # Errors
     /// There is no design of this name.

@@ -1,4 +1,4 @@
-//! The optional elements of a scene: one table each. An absent element is not modelled and needs no time.
+//! The optional elements of a scene. Each element has one table. An absent element is not modelled and needs no time.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -59,8 +59,8 @@ impl Scene {
         }
     }
 
-    /// Whether the scene can provide this input. Edges need exact times of the counts. Encoder noise and jitter change
-    /// only once per sample, so a scene with noise or jitter has no edges.
+    /// Whether the scene can provide this input. The input `Edges` needs the exact times of the counts. Encoder noise
+    /// and jitter change only once per sample, so a scene with noise or jitter cannot provide edges.
     pub fn feeds(&self, sense: Sense) -> bool {
         match sense {
             Sense::Force => true,

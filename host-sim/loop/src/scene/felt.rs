@@ -1,4 +1,4 @@
-//! The least motion that a hand feels, by frequency: a threshold curve from a small file.
+//! The least motion that a hand feels at each frequency: a threshold curve from a small file.
 //!
 //! The built-in curve is a model (sources: `host-sim/data/felt-model.csv`). `wall_hit.felt_curve` names another curve.
 
@@ -9,15 +9,16 @@ use crate::{
     input::{self, table::Table},
 };
 
-/// The curve of scenes that name no curve.
+/// The curve of scenes that do not name a curve.
 const MODEL: &str = include_str!("../../../data/felt-model.csv");
 const COLUMNS: [(&str, RangeInclusive<f64>); 2] =
     [("frequency_hz", 1e-3..=1e6), ("threshold_rms_m", 1e-12..=1.0)];
 
-/// The threshold over frequency: straight lines between the points in log-log, constant beyond the ends.
+/// The threshold as a function of frequency. Between the points, the curve is a straight line in log-log. Beyond the
+/// ends it is constant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FeltCurve {
-    /// Frequency, Hz, and threshold, m RMS. Frequencies increase.
+    /// Frequency in Hz, and threshold in m RMS, of each point. Frequencies increase.
     points: Arc<[[f64; 2]]>,
     text: Option<Arc<str>>,
 }
@@ -44,7 +45,7 @@ impl FeltCurve {
         self.text.as_deref()
     }
 
-    /// The threshold at a frequency, m RMS.
+    /// The threshold at a frequency, in m RMS.
     pub fn threshold_m(&self, hz: f64) -> f64 {
         let above = self.points.partition_point(|[at_hz, _]| *at_hz <= hz);
         match (
@@ -61,7 +62,7 @@ impl FeltCurve {
     }
 }
 
-/// The points of a curve, or a message that names the wrong line.
+/// Reads the points of a curve. An error is a message that names the wrong line.
 fn parse(text: &str) -> Result<Vec<[f64; 2]>, String> {
     let table = Table::new(text)?;
     let rows = table.numbers(&COLUMNS)?;

@@ -1,6 +1,6 @@
-//! Checks the tables for a board against the device. If a value is wrong, the board cannot arm, or a fault always
-//! occurs, or a fault never occurs. The core checks each value alone; only the scene has mass and stops. `prepare`
-//! reports the errors.
+//! Checks the tables for a board against the device. With a wrong value, the board cannot arm, or a fault always
+//! occurs, or a fault never occurs. The core checks each value alone, because only the scene has mass and stops.
+//! `prepare` reports the errors.
 
 use zwidth::safety::SafetySettings;
 
@@ -8,8 +8,8 @@ use super::{Scene, element::Travel};
 use crate::range::within;
 
 impl Scene {
-    /// Checks a board's values against the device. The sign test is checked only if `is_measured`: the device's values
-    /// are measured. Otherwise a person tries the sign test.
+    /// Checks a board's values against the device. `is_measured` says that the device's values are measured. Only then
+    /// the sign test is checked. Otherwise a person tries the sign test on the board.
     ///
     /// # Errors
     /// One line with key, value and allowed range, in the scene's units.
@@ -47,8 +47,8 @@ impl Scene {
         )
     }
 
-    /// In the sign test the free handle must move by the counts that the test must detect. Otherwise the board never
-    /// arms.
+    /// In the sign test the free handle must move by at least as many counts as the test must detect. Otherwise the
+    /// board never arms.
     fn sign_test_fits(&self) -> Result<(), String> {
         let (safety, count_m) = (self.on_board().safety, self.encoder.resolution_m);
         let force = safety.sign_test_force;

@@ -59,7 +59,7 @@ pub use tables::{
 pub use uncertainty::Uncertainty;
 pub use units::Units;
 
-/// The built-in scenes: name and text.
+/// The built-in scenes. Each has a name and a text.
 pub const BUILT_IN: &[(&str, &str)] = &[
     ("paper-1um", include_str!("../../../../scenes/paper-1um.toml")),
     ("paper-2um", include_str!("../../../../scenes/paper-2um.toml")),
@@ -74,13 +74,13 @@ pub const BUILT_IN: &[(&str, &str)] = &[
 /// The built-in scenes of the paper's study.
 pub const STUDY: [&str; 2] = ["paper-1um", "paper-2um"];
 
-/// A scene with its name and text, from a file or built in.
+/// A scene with its name and text. It is read from a file, or built in.
 #[derive(Clone, Debug)]
 pub struct NamedScene {
     /// Built-in name, or the file's name without its extension.
     pub name: String,
     pub text: String,
-    /// Files from which the scene was read; empty for a built-in scene.
+    /// Files from which the scene was read. The list is empty for a built-in scene.
     pub files: Vec<PathBuf>,
     pub scene: Scene,
 }
@@ -158,11 +158,12 @@ pub struct Scene {
 }
 
 impl NamedScene {
-    /// The built-in scene of this name, or the scene file at this path. `SCENE:NAME` has the scene's design NAME as
-    /// filter.
+    /// Reads the built-in scene of this name, or the scene file at this path. In the form `SCENE:NAME`, the scene's
+    /// filter is replaced by its design NAME.
     ///
     /// # Errors
-    /// [`Error::Input`]: no such scene, not TOML, an unknown key, a value out of range, no such design.
+    /// [`Error::Input`]: there is no such scene or no such design, the file is not TOML, a key is unknown, or a value
+    /// is out of range.
     pub fn load(name_or_path: &str) -> Result<Self, Error> {
         if let Some((scene, design)) = name_or_path.rsplit_once(':')
             && is_design_name(design)
@@ -213,7 +214,7 @@ impl NamedScene {
         Ok(table)
     }
 
-    /// The scene from these keys. Error messages name the key, because there is no line number.
+    /// Makes a scene from these keys. Error messages name the key, because there is no line number.
     ///
     /// # Errors
     /// The errors of [`parse`](Self::parse).
@@ -227,7 +228,7 @@ impl NamedScene {
         Self::parse(name, text, origin)
     }
 
-    /// [`parse`](Self::parse) with the `folder` of the files that the scene names.
+    /// The same as [`parse`](Self::parse). `folder` is the folder of the files that the scene names.
     fn parsed(
         name: String,
         text: String,
@@ -283,7 +284,7 @@ fn check_estimated(scene: &toml::Table) -> Result<(), String> {
     Ok(())
 }
 
-/// Table and message of an error, as text.
+/// Table and message of an error, as one text.
 fn told_of(error: &toml::de::Error) -> String {
     let text = error.to_string();
     let place = text.lines().find_map(|line| line.trim().strip_prefix("in "));
@@ -291,7 +292,7 @@ fn told_of(error: &toml::de::Error) -> String {
     format!("{place}{}", error.message().replace('\n', " "))
 }
 
-/// Table and message of an error in a converted rotary scene, with the keys of the rotary scene.
+/// Table and message of an error in a converted rotary scene, as one text with the keys of the rotary scene.
 fn in_one_line(error: &toml::de::Error) -> String {
     let message = told_of(error);
     let parts = message.split('`').enumerate();
@@ -302,7 +303,7 @@ fn in_one_line(error: &toml::de::Error) -> String {
     parts.map(told).collect::<Vec<_>>().join("`")
 }
 
-/// Text of the line with the error, shortened.
+/// The text of the line that has the error, shortened.
 fn line_of(text: &str, line: usize) -> String {
     let line = text.lines().nth(line - 1).unwrap_or_default().trim();
     format!("`{}`", line.chars().take(60).collect::<String>())
@@ -332,7 +333,7 @@ impl Scene {
         Chain { device, mode, arm, amplifier, hand_n: self.push_n(PushBy::Hand), offset_n }
     }
 
-    /// Force of a hit's push if `by` pushes, N.
+    /// The push of a hit in N, if `by` pushes. Otherwise 0.
     pub fn push_n(&self, by: PushBy) -> f64 {
         if self.wall_hit.push_by == by { self.wall_hit.push_n } else { 0.0 }
     }
@@ -343,7 +344,7 @@ impl Scene {
         Nonlinear { friction, cogging, travel, backlash }
     }
 
-    /// Force at full command, N.
+    /// Force at full command in N.
     pub fn full_scale_n(&self) -> f64 {
         self.actuator.gain_n_per_v * self.actuator.limit_v
     }
@@ -381,7 +382,7 @@ impl Scene {
         }
     }
 
-    /// -3 dB frequency of the scene's filter at this nominal cutoff, Hz.
+    /// -3 dB frequency of the scene's filter at this nominal cutoff, in Hz.
     pub fn true_cutoff_hz(&self, cutoff_hz: f64) -> f64 {
         let filter = self.velocity.at(cutoff_hz);
         filter.true_cutoff_hz(self.control.rate_hz).unwrap_or(cutoff_hz)
@@ -409,7 +410,7 @@ impl Scene {
         .ok_or_else(|| format!("there is no arm `{name}`, allowed {}", self.arm_names().join(", ")))
     }
 
-    /// A hit can be `stable` only if its RMS is below this limit, m. Every criterion has this condition.
+    /// A hit can be `stable` only if its RMS is below this limit, in m. Every criterion has this condition.
     pub fn rms_limit_m(&self) -> f64 {
         match self.wall_hit.criterion {
             Criterion::Quiet => quiet::rms_limit_m(self.encoder.resolution_m),
@@ -429,7 +430,7 @@ impl Scene {
         }
     }
 
-    /// The settings of the core's boundary walk.
+    /// The settings of the boundary walk in the core.
     pub fn walk_plan(&self) -> WalkSettings {
         let walk = &self.walk;
         let [k_cap, b_cap] = self.caps();
@@ -444,8 +445,8 @@ impl Scene {
     }
 
     /// Upper bounds of K and B for the criterion `quiet`. Other criteria have no bounds. At the bound of K, a depth of
-    /// one count gives the push. At the bound of B, a speed of one count per sample gives full force. A bound is never
-    /// below the start of the walk.
+    /// one count gives a force as large as the push. At the bound of B, a speed of one count per sample gives full
+    /// force. A bound is never below the start of the walk.
     fn caps(&self) -> [f64; 2] {
         if self.wall_hit.criterion != Criterion::Quiet {
             return [f64::INFINITY; 2];

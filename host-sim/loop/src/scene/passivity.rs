@@ -19,7 +19,7 @@ pub struct PassivityTable {
 }
 
 impl Scene {
-    /// Largest acceleration of the handle, m/s^2: from the table, or the default.
+    /// Largest acceleration of the handle, from the table or by default, in m/s^2.
     pub fn acceleration(&self) -> f64 {
         let usual = || 2.0 * self.full_scale_n() / self.device.mass_kg;
         self.passivity.and_then(|table| table.acceleration_m_per_s2).unwrap_or_else(usual)
@@ -38,7 +38,7 @@ impl Scene {
         PassivitySettings { acceleration_m_per_s2, latency }.build(&self.design()).map(Some)
     }
 
-    /// Largest energy that the wall with the controller gives in a contact, J. `None` if the scene has no
+    /// Largest energy that the wall with the controller gives in a contact, in J. `None` if the scene has no
     /// `[passivity]`, or a value is out of range.
     pub fn reserve_j(&self) -> Option<f64> {
         let plan = self.passivity().ok()??;

@@ -1,7 +1,7 @@
 //! Converts a device record, and settings saved on a board, back into a scene.
 //!
 //! A record has only the values that the board needs. Mass, damping, stiffness and the elements of the plant come from
-//! another scene. The defaults of the record can be replaced by a copy of the board's settings sectors.
+//! another scene. A copy of the board's settings sectors can replace the default settings in the record.
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
@@ -24,13 +24,13 @@ use super::{
 };
 use crate::error::Error;
 
-/// Bytes of one of the two settings sectors.
+/// Number of bytes in one of the two settings sectors.
 const SECTOR: usize = 16 * 1024;
 
-/// Reads the device from the words of a record, for the board that the record names.
+/// Reads the device from the words of a record. The device is read for the board that the record names.
 ///
 /// # Errors
-/// [`Error::Input`]: the error that the board would report, and a remedy.
+/// [`Error::Input`] has the error that the board would report, and a remedy.
 pub fn device(words: &[u32]) -> Result<Device<'_>, Error> {
     let name = words.get(BOARD_AT / 4..BOARD_AT / 4 + Name::LEN / 4).unwrap_or_default();
     let bytes: Vec<u8> = name.iter().flat_map(|word| word.to_le_bytes()).collect();
@@ -43,7 +43,7 @@ pub fn device(words: &[u32]) -> Result<Device<'_>, Error> {
         .map_err(|bad| Error::Input(format!("no device record: {bad}{}", help(&bad))))
 }
 
-/// Remedy for an error in a record, to be printed after the text of the error.
+/// What to do about an error in a record. The text is printed after the text of the error.
 fn help(bad: &BadRecord) -> String {
     let anew = "; make it anew: cargo sim prepare, with the scene that it was made of";
     match *bad {
@@ -55,7 +55,8 @@ fn help(bad: &BadRecord) -> String {
     }
 }
 
-/// Settings from a copy of both settings sectors, sector 1 first. Defaults if the copy has no settings of this device.
+/// Reads the settings from a copy of both settings sectors. Sector 1 is first in the copy. If the copy has no settings
+/// of this device, the defaults are returned.
 ///
 /// # Errors
 /// [`Error::Input`]: the copy has the wrong length.
@@ -69,7 +70,7 @@ pub fn saved(device: &Device<'_>, bytes: Vec<u8>) -> Result<Loaded, Error> {
     Ok(load(&mut Copied(bytes), device.defaults()))
 }
 
-/// Replaces the record's settings with the loaded ones.
+/// Replaces the settings in the record with the loaded settings.
 #[must_use]
 pub fn with_settings<'a>(device: Device<'a>, loaded: &Loaded) -> Device<'a> {
     let stored = &loaded.stored;
@@ -93,7 +94,7 @@ impl Scene {
     /// This scene with all values of a device record, except K and B of the wall, which scenes do not have.
     ///
     /// # Errors
-    /// Record and scene contradict each other: key, value, allowed range.
+    /// Record and scene contradict each other. The error has key, value and allowed range.
     pub fn with_device(&self, device: &Device<'_>) -> Result<Self, String> {
         let mut scene = self.clone();
         scene.units = super::Units::Linear;

@@ -18,7 +18,7 @@ use zwidth::{
 use super::{BUILT_IN, NamedScene, OnBoard, Quantisation, Scene};
 use crate::{error::Error, input, range::within};
 
-/// Rate, output, inputs and latency of the board with this name, from its built-in scene.
+/// Rate, output, inputs and latency of the board with this name. They are read from the board's built-in scene.
 ///
 /// # Errors
 /// There is no such board.
@@ -45,18 +45,18 @@ pub fn board_facts(name: &str) -> Result<BoardFacts, Error> {
     Err(Error::Input(format!("the board is `{name}`, allowed {}", boards.join(", "))))
 }
 
-/// A device in the form that a board needs.
+/// A device with all that a board needs.
 #[derive(Clone, Debug)]
 pub struct Prepared {
     /// The device, without designs and envelope.
     pub device: Device<'static>,
     pub designs: Vec<NamedFilter>,
-    /// Guessed values of keys that the scene leaves out: `key value`, in the scene's units.
+    /// The values that were guessed for keys that the scene leaves out, as `key value` in the scene's units.
     pub guessed: Vec<String>,
 }
 
 impl NamedScene {
-    /// The same device with the board's output, and at least the board's latency.
+    /// The same device with the board's output. Its latency is at least the board's latency.
     #[must_use]
     pub fn on(&self, board: &BoardFacts) -> Self {
         let mut named = self.clone();
@@ -71,7 +71,7 @@ impl NamedScene {
         named
     }
 
-    /// The device for this board. The estimator `velocity` is active at the start.
+    /// Prepares the device for this board. The estimator `velocity` is active at the start.
     ///
     /// # Errors
     /// [`Error::Input`]: the scene does not suit the board.
@@ -145,7 +145,7 @@ impl NamedScene {
         };
         let guessed = guessed.iter().map(|guess| guess.told(scene.units)).collect();
         let prepared = Prepared { device, designs: scene.named_filters(), guessed };
-        // An error that the board would report at boot is found here.
+        // finds an error here that the board would report at boot
         prepared.record(&[], board).map_err(|error| error.of(&self.name))?;
         Ok(prepared)
     }

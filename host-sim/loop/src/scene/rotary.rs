@@ -118,7 +118,7 @@ impl Rotary {
         }
     }
 
-    /// Force per volt of command, N, and damping by the back-EMF, N m s/rad, both at the handle.
+    /// Force per volt of command in N, and damping that the back-EMF causes in N m s/rad, both at the handle.
     fn drive(&self) -> [f64; 2] {
         let torque = self.ratio * self.torque_constant_n_m_per_a;
         match self.drive {
@@ -206,7 +206,7 @@ pub fn at_handle(mut scene: Table) -> Result<(Table, Units), String> {
     Ok((scene, units))
 }
 
-/// Converts the angles and torques of a table, also in its inner tables.
+/// Converts the angles and torques of a table and of its inner tables.
 fn convert(units: Units, path: &str, value: &mut Value) -> Result<(), String> {
     let Some(table) = value.as_table_mut() else { return Ok(()) };
     for (key, mut value) in std::mem::take(table) {

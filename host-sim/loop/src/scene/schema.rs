@@ -1,7 +1,7 @@
 //! The JSON schema of scene files, for editors and for the book.
 //!
-//! Keys and descriptions come from the types. Ranges come from the scene reader's error messages for too large values.
-//! A range that depends on another key is only in the key's description.
+//! Keys and descriptions come from the Rust types. Ranges come from the error messages that the scene reader gives for
+//! too large values. A range that depends on another key stands only in the key's description.
 
 use std::sync::LazyLock;
 
@@ -17,12 +17,13 @@ use super::{
     rotary::{LINEAR_TABLES, Rotary, at_handle},
 };
 
-/// Placeholder for the name of an arm or a design.
+/// Stands for the name of an arm or a design.
 const NAME: &str = "NAME";
 /// Names of the two ends of a range in a schema.
 const LOW_HIGH: [&str; 2] = ["minimum", "maximum"];
 
-/// Optional tables that have several forms, each form once. The ranges of their keys are read from error messages.
+/// Optional tables that have several forms. Each form stands here once. The ranges of their keys are read from error
+/// messages.
 const ELEMENTS: [&str; 3] = [
     "[output]\nkind = 'dac'\nbits = 12\n[travel]\nstop = 'spring'\nlow_m = -1\nhigh_m = 1\nstiffness_n_per_m = 1e3\n\
      damping_n_s_per_m = 1\n[integrator]\nmethod = 'dormand-prince'\nrelative_tolerance = 1e-6\n\
@@ -83,7 +84,7 @@ pub fn schema() -> Value {
         ranged(&mut form, "", true);
         form
     });
-    // Linear and rotary scenes have these tables. The schema of each table is used twice.
+    // Linear and rotary scenes have these tables, so the schema of each table is used twice.
     let velocity = linear["properties"]["velocity"].clone();
     let arm = linear["properties"]["arm"].clone();
     for form in [&mut linear, &mut rotary] {
@@ -101,7 +102,7 @@ pub fn schema() -> Value {
     })
 }
 
-/// The schema of a scene with `[rotary]`. Keys of lengths, forces and masses end with the rotary unit.
+/// The schema of a scene with `[rotary]`. The names of keys for lengths, forces and masses end with the rotary unit.
 fn turned(mut scene: Value) -> Value {
     rename(&mut scene, &|table, key| match (table, key) {
         ("encoder", "resolution_m") | ("actuator", "gain_n_per_v") | ("", "device") => None,
@@ -183,14 +184,14 @@ pub fn unit(key: &str) -> Option<String> {
 /// Description of a key of scenes.
 #[derive(Debug)]
 pub struct Key {
-    /// Tables and key, with dots between them.
+    /// Names of the tables and of the key, joined with dots.
     pub path: String,
-    /// Unit. `None` for a number without a unit, and for other values.
+    /// Unit of the number. `None` for a number without a unit, and for other values.
     pub unit: Option<String>,
     pub meaning: String,
-    /// Allowed range, or allowed names with their meaning. Empty if the range is in `meaning`.
+    /// Allowed range, or allowed names and what they mean. Empty if `meaning` gives the range.
     pub allowed: String,
-    /// `needed`, `optional`, or the value of an absent key.
+    /// `needed`, `optional`, or the value that is used if the key is absent.
     pub absent: String,
 }
 
@@ -252,7 +253,7 @@ fn listed(schema: &Value, path: &str, with: &str, found: &mut Vec<Key>) {
     }
 }
 
-/// A number in its shorter form: plain, or with an exponent.
+/// A number as text: plain or with an exponent, whichever is shorter.
 fn short(number: f64) -> String {
     let plain = number.to_string();
     let power = format!("{number:e}");
@@ -341,7 +342,7 @@ fn range(path: &str) -> Option<[Value; 2]> {
     others.iter().all(|other| other == first).then(|| first.map(|end| json!(end)))
 }
 
-/// The range in the error message for a value that is invalid in every scene.
+/// The range as the error message for a too large value names it.
 fn range_in(base: &Table, path: &str) -> Option<[f64; 2]> {
     [toml::Value::Float(f64::INFINITY), toml::Value::Integer(u32::MAX.into())].into_iter().find_map(
         |strange| {
@@ -365,7 +366,7 @@ fn put(scene: &mut Table, path: &str, value: toml::Value) {
     }
 }
 
-/// Error of a scene, or `None` if the scene is valid.
+/// The error that a scene causes, or `None` if the scene is valid.
 fn refusal(scene: Table) -> Option<String> {
     let (table, units) = match at_handle(scene) {
         Ok(read) => read,

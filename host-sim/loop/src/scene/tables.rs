@@ -52,9 +52,9 @@ pub struct Actuator {
     pub gain_n_per_v: f64,
     /// Largest magnitude of a command.
     pub limit_v: f64,
-    /// Samples from output to output. The boards have 1, 2, 5 and 10.
+    /// Number of samples from one output to the next. The boards have 1, 2, 5 and 10.
     pub period: u32,
-    /// Samples from the encoder reading to the force on the handle; may be a fraction.
+    /// Number of samples from the encoder reading to the force on the handle. It may be a fraction.
     pub latency: f64,
     /// When an observer with force input gets a force. `true`: when the force acts, to the nearest sample; latency up
     /// to 64 samples. `false`: when safety grants the force, as on the boards. Absent: `false`.
@@ -100,7 +100,7 @@ pub struct Wall {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WallHit {
-    /// Constant push into the wall. If the motor pushes, at most full scale; with `quiet`, at most full scale / 1.03.
+    /// Constant push into the wall. It is at most full scale if the motor pushes; with `quiet` at most full scale / 1.03.
     pub push_n: f64,
     /// Who pushes the handle into the wall. Absent: `motor`.
     #[serde(default, skip_serializing_if = "PushBy::is_motor")]
@@ -115,7 +115,7 @@ pub struct WallHit {
     pub window_s: f64,
     /// With `rms`, a wall is stable if the RMS is below this limit; 0.001 to 65535 counts.
     pub rms_limit_m: f64,
-    /// Signal of the RMS. Absent: `motion` with the criterion `quiet`, else `counts`.
+    /// Signal whose RMS is judged. Absent: `motion` with the criterion `quiet`, else `counts`.
     pub rms_of: Option<RmsOf>,
     /// When a wall counts as stable. Absent: `rms`.
     #[serde(default, skip_serializing_if = "Criterion::is_rms")]
@@ -142,7 +142,7 @@ impl WallHit {
         })
     }
 
-    /// Settling time before the window, and time of the window, s, for this protocol.
+    /// Settling time before the window, and length of the window, in s, for this protocol.
     pub fn times_s(&self) -> [f64; 2] {
         match self.protocol {
             Protocol::Paper | Protocol::Hand => [self.settle_s, self.window_s],
@@ -151,13 +151,13 @@ impl WallHit {
         }
     }
 
-    /// Sets the criterion and the signal of the RMS. A default signal is stored as `None`.
+    /// Sets the criterion, and the signal whose RMS is judged. If the signal is the default, `None` is stored.
     pub fn judge(&mut self, criterion: Criterion, rms_of: Option<RmsOf>) {
         (self.criterion, self.rms_of) = (criterion, None);
         self.rms_of = rms_of.filter(|rms_of| *rms_of != self.rms_of());
     }
 
-    /// With the criterion `quiet`, a hit is `stable` if the RMS of the force is below this limit, N.
+    /// With the criterion `quiet`, a hit is `stable` only if the RMS of the force is below this limit, in N.
     pub fn force_rms_limit_n(&self) -> f64 {
         self.force_rms_limit_n.unwrap_or(quiet::FORCE_SHARE * self.push_n.abs())
     }
@@ -189,9 +189,9 @@ impl RmsOf {
     }
 }
 
-/// Time between two taps, s.
+/// Time between two taps in s.
 pub const TAP_S: f64 = 0.5;
-/// Largest relative error of a hand's push.
+/// Largest change of a hand's push, as a fraction of the push.
 pub const HAND_SWAY: f64 = 0.3;
 
 /// How a wall is tried, beside its criterion.
@@ -236,7 +236,7 @@ impl Protocol {
     }
 }
 
-/// Condition for a stable wall that was touched.
+/// When a wall that the handle has touched counts as stable.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Criterion {

@@ -36,7 +36,7 @@ pub struct Uncertainty {
 
 /// Number of uncertain quantities.
 const COUNT: usize = 6;
-/// Largest number of draws for one device, until a draw is within the scene's ranges.
+/// Largest number of draws for one device. A draw outside the scene's ranges is repeated.
 const DRAWS_MAX: u64 = 1000;
 /// A remaining variance below this limit is a rounding error and counts as 0.
 const ROUNDING: f64 = 1e-9;
@@ -65,7 +65,7 @@ impl Uncertainty {
         ]
     }
 
-    /// Index of the quantity with this linear or rotary name.
+    /// Index of the quantity that has this name in linear or in rotary scenes.
     pub fn place(name: &str) -> Option<usize> {
         let is = |known: &&str| {
             *known == name || Units::rotary_key(known).is_some_and(|rotary| rotary == name)
@@ -117,7 +117,7 @@ impl Uncertainty {
         Ok(factor)
     }
 
-    /// Random deviation of each quantity, for device `n` of a seed.
+    /// Random deviation of each quantity, for the device with number `n` of a seed.
     fn offsets(&self, seed: u64, n: u64) -> Result<[f64; COUNT], String> {
         let factor = self.factor()?;
         let normal: Vec<f64> =
@@ -139,8 +139,8 @@ impl Scene {
         uncertainty.factor().map(|_| ())
     }
 
-    /// Device `n` drawn from `[uncertainty]`, or the scene itself if it has no `[uncertainty]`. The result depends only
-    /// on `seed` and `n`.
+    /// Draws the device with number `n` from `[uncertainty]`. Without `[uncertainty]`, returns the scene itself. The
+    /// result depends only on `seed` and `n`.
     ///
     /// # Errors
     /// None of the draws is within the scene's ranges.
@@ -193,7 +193,7 @@ mod tests {
             .collect();
         let mean =
             |of: &dyn Fn(&[f64; 3]) -> f64| drawn.iter().map(of).sum::<f64>() / f64::from(count);
-        // tolerances are four standard errors
+        // the tolerances are four standard errors
         for n in 0..3 {
             assert!(mean(&|d| d[n]).abs() < 0.057);
             assert!((mean(&|d| d[n] * d[n]) - 1.0).abs() < 0.08);

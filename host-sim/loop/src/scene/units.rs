@@ -5,26 +5,26 @@
 
 use crate::notation::rounded;
 
-/// Units of a scene, and of all results from it.
+/// Units of a scene, and of all results that are computed from it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Units {
     /// Positions in m, forces in N.
     #[default]
     Linear,
-    /// Angles in rad, torques in N m, for a handle of this radius.
+    /// Angles in rad and torques in N m. The handle has this radius.
     Rotary { radius_m: f64 },
 }
 
 /// A physical quantity in linear and in rotary scenes.
 struct Quantity {
-    /// End of the names of the quantity's keys. Empty if the quantity is only used in texts.
+    /// The keys of this quantity end with this text in linear scenes. Empty if the quantity is only used in texts.
     linear: &'static str,
     rotary: &'static str,
-    /// A rotary value is the linear value times the radius to this power.
+    /// The rotary value is the linear value times `radius^power`.
     power: i32,
-    /// Rotary unit in texts. Angles are written in degrees.
+    /// The rotary unit that texts use. Angles are written in degrees.
     unit: &'static str,
-    /// Linear units in texts, each with an additional factor.
+    /// The linear units that texts use. Each has the factor that converts it to the SI unit.
     units: &'static [(&'static str, f64)],
 }
 
@@ -60,19 +60,19 @@ const QUANTITIES: &[Quantity] = &[
     quantity(["m", "rad", "deg"], -1, &[("mm", 1e-3 * DEGREES), ("m", DEGREES)]),
 ];
 
-/// The first unit in texts for which `is` returns true, with its quantity and its factor.
+/// Finds the first unit in texts for which `is` returns true. Returns the unit, its quantity and its factor.
 fn written(is: impl Fn(&'static str) -> bool) -> Option<(&'static str, &'static Quantity, f64)> {
     let each =
         |of: &'static Quantity| of.units.iter().map(move |&(unit, factor)| (unit, of, factor));
     QUANTITIES.iter().flat_map(each).find(|&(unit, ..)| is(unit))
 }
 
-/// The quantity of a key of linear scenes.
+/// The quantity of this key in linear scenes.
 fn of_key(key: &str) -> Option<&'static Quantity> {
     QUANTITIES.iter().find(|of| !of.linear.is_empty() && ends(key, of.linear))
 }
 
-/// Significant digits of a value that is read. So few digits do not change when one product is rounded.
+/// Significant digits of a value that is read. A value with so few digits does not change when one product is rounded.
 const DIGITS_IN: usize = 15;
 /// Significant digits of a value that is written.
 const DIGITS_OUT: usize = 12;
@@ -97,7 +97,7 @@ impl Units {
         }
     }
 
-    /// Radius of the handle, m; 0 in linear scenes.
+    /// Radius of the handle in m. It is 0 in linear scenes.
     pub fn radius_m(self) -> f64 {
         match self {
             Self::Linear => 0.0,
@@ -115,7 +115,7 @@ impl Units {
         Some(format!("{}{}", key.strip_suffix(found.linear)?, found.rotary))
     }
 
-    /// The linear key and value for a rotary key and value, or `None` if both are the same.
+    /// Converts a rotary key and its value to linear ones. Returns `None` if they stay the same.
     pub fn to_handle(self, key: &str, value: f64) -> Option<(String, f64)> {
         let is = |of: &&Quantity| !of.rotary.is_empty() && ends(key, of.rotary);
         let found = QUANTITIES.iter().find(is).filter(|_| !is_phase(key))?;
@@ -140,7 +140,8 @@ impl Units {
         }
     }
 
-    /// The key of a result in these units, and the factor of its numbers. `None` if key and numbers stay the same.
+    /// The key that a result has in these units, and the factor for its numbers. `None` if key and numbers stay the
+    /// same.
     pub fn key(self, key: &str) -> Option<(String, f64)> {
         if self == Self::Linear {
             return None;
@@ -148,13 +149,14 @@ impl Units {
         Some((Self::rotary_key(key)?, self.factor(of_key(key)?.power)))
     }
 
-    /// A number of a result in the written units: `value` times the factor of [`key`](Self::key), rounded to 12 digits.
+    /// A number of a result in the units of the output: `value * factor`, rounded to 12 digits. `factor` is from
+    /// [`key`](Self::key).
     pub fn told(value: f64, factor: f64) -> f64 {
         if factor == 1.0 { value } else { rounded(value * factor, DIGITS_OUT) }
     }
 
-    /// A value at the handle as text for a board's console, with the console's fifteen digits. `key` determines the
-    /// quantity.
+    /// Writes a value at the handle as text for a board's console, with the console's fifteen digits. The name of `key`
+    /// determines the quantity.
     pub fn command(self, key: &str, at_handle: f64) -> String {
         match self.key(key) {
             Some((_, factor)) => rounded(at_handle * factor, DIGITS_IN).to_string(),
@@ -162,12 +164,12 @@ impl Units {
         }
     }
 
-    /// Converts a number from a board's console to the handle.
+    /// Converts a number from a board's console to the value at the handle.
     pub fn from_reply(self, key: &str, said: f64) -> f64 {
         self.key(key).map_or(said, |(_, factor)| said / factor)
     }
 
-    /// The unit that replaces the linear `unit` in texts, and the factor of its numbers.
+    /// The unit that replaces the linear `unit` in texts, and the factor for its numbers.
     pub fn written(self, unit: &'static str) -> (&'static str, f64) {
         match written(|known| known == unit).filter(|_| self.is_rotary()) {
             Some((_, of, factor)) => (of.unit, factor * self.factor(of.power)),
@@ -175,7 +177,7 @@ impl Units {
         }
     }
 
-    /// A value at the handle as text for people, with four digits and with its unit. `unit` is the linear unit.
+    /// Writes a value at the handle as text for people, with four digits and a unit. `unit` is the linear unit.
     pub fn said(self, at_handle: f64, unit: &'static str) -> String {
         let (unit, factor) = self.written(unit);
         format!("{} {unit}", rounded(at_handle * factor, DIGITS_READ))
@@ -254,7 +256,7 @@ impl Units {
     }
 }
 
-/// Multiplies the number in a word. The number keeps its digits, but has at least four.
+/// Multiplies the number in a word. The number keeps its number of digits, but has at least four.
 fn scale(word: &mut String, factor: f64) {
     let bare = word.trim_start_matches(['(', '[']);
     let Ok(value) = bare.parse::<f64>() else { return };

@@ -19,14 +19,14 @@ use zwidth::{
     velocity::{EstimatorName, PARAMETERS, Parameter, Sense},
 };
 
-/// Value of the key that selects an estimator within a family.
+/// Value of the key that selects one estimator of a family.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Member {
     Flag(bool),
     Number(u32),
 }
 
-/// Families: estimators that share a name in scenes. A key and a value select an estimator of the family.
+/// Families are estimators that share one name in scenes. A key and its value select an estimator of the family.
 const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
     (EstimatorName::Butterworth, "butterworth", "prewarp", Member::Flag(false)),
     (EstimatorName::ButterworthPrewarped, "butterworth", "prewarp", Member::Flag(true)),
@@ -44,7 +44,7 @@ const TAG: &str = "estimator";
 /// The key of an estimator's frequency.
 pub const CUTOFF: &str = "cutoff_hz";
 
-/// Name of an estimator in scenes, and the key and value that select it.
+/// The name that an estimator has in scenes, and the key and value that select it.
 fn spelling(name: EstimatorName) -> (&'static str, Option<(&'static str, Member)>) {
     match FAMILIES.iter().find(|(member, ..)| *member == name) {
         Some((_, family, key, member)) => (family, Some((key, *member))),
@@ -57,7 +57,7 @@ fn members(family: &str) -> impl Iterator<Item = EstimatorName> {
     EstimatorName::ALL.iter().copied().filter(move |name| spelling(*name).0 == family)
 }
 
-/// Keys of an estimator's parameters, each with its parameter and the parameter's index.
+/// The keys for an estimator's parameters. Each key has its parameter and the parameter's index.
 fn keys(name: EstimatorName) -> impl Iterator<Item = (&'static str, Parameter, usize)> {
     let parameters = name.parameters().into_iter().flatten().enumerate();
     let keyed = name.keys().iter().zip(parameters);
@@ -67,7 +67,7 @@ fn keys(name: EstimatorName) -> impl Iterator<Item = (&'static str, Parameter, u
     })
 }
 
-/// The key in `[velocity]` of a parameter of the core. `None` if no estimator has this parameter.
+/// The key that sets a parameter of the core in `[velocity]`. `None` if no estimator has this parameter.
 pub fn key_of(parameter: &str) -> Option<&str> {
     if FAMILIES.iter().any(|(_, _, key, _)| *key == parameter) {
         return Some(parameter);
@@ -81,9 +81,10 @@ pub fn key_of(parameter: &str) -> Option<&str> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VelocityTable {
     estimator: EstimatorName,
-    /// Values by parameter index. `None` if the parameter is not used, or the scene has no cutoff.
+    /// Values of the parameters, by parameter index. `None` if the parameter is not used, or if it is a cutoff that the
+    /// scene does not give.
     numbers: [Option<f64>; PARAMETERS],
-    /// Value of the selecting key, if this value selects no estimator. [`check`](Self::check) reports this value.
+    /// Value of the selecting key, if no estimator of the family has this value. [`check`](Self::check) reports it.
     stranger: Option<u32>,
 }
 
@@ -111,7 +112,7 @@ impl VelocityTable {
         self.estimator.settings(table.numbers.map(Option::unwrap_or_default))
     }
 
-    /// The cutoff, Hz. `None` if the estimator or the scene has no cutoff.
+    /// The cutoff, in Hz. `None` if the estimator has no cutoff, or the scene gives none.
     pub fn cutoff_hz(&self) -> Option<f64> {
         self.cutoff_place().and_then(|place| self.numbers[place])
     }
@@ -149,7 +150,7 @@ impl VelocityTable {
         Err(SettingsError { parameter, value: value.into(), range: low..=high })
     }
 
-    /// Input that the estimator needs beside the position.
+    /// The input that the estimator needs in addition to the position.
     pub fn sense(&self) -> Option<Sense> {
         self.estimator.sense()
     }
@@ -215,7 +216,7 @@ impl VelocityTable {
     }
 }
 
-/// Name and cutoff of a filter as text for people.
+/// Name and cutoff of a filter, as text for people.
 pub fn describe(filter: &VelocitySettings, rate_hz: f64) -> String {
     let name = filter.name().text();
     let (Some((parameter, _)), Some(cutoff_hz), Some(true_hz)) =
@@ -333,7 +334,7 @@ impl JsonSchema for VelocityTable {
     }
 }
 
-/// The JSON schema of the keys that belong to one estimator name.
+/// The JSON schema of the keys that a scene can give with one estimator name.
 fn schema_of(family: &str) -> serde_json::Value {
     let mut properties = serde_json::Map::from_iter([(TAG.into(), json!({ "const": family }))]);
     let mut required = vec![TAG];
@@ -408,8 +409,8 @@ mod tests {
     use super::*;
     use crate::scene::NamedScene;
 
-    /// A written table is read as the same filter, with and without a cutoff. An absent cutoff is written without a
-    /// key.
+    /// A table that is written and read again is the same filter, with and without a cutoff. A cutoff that is absent is
+    /// written without a key.
     #[test]
     fn a_table_is_read_as_it_was_written() {
         for name in EstimatorName::ALL {

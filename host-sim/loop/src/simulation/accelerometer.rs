@@ -1,5 +1,5 @@
-//! An accelerometer. Its noise depends only on the number of the reading, so the noise is the same in every hit. In
-//! lanes, `engine/estimator/accelerometer.rs` does the same calculation. Tests compare the two.
+//! An accelerometer. Its noise depends only on the number of the reading, so every hit has the same noise. In lanes,
+//! `engine/estimator/accelerometer.rs` does the same calculation. Tests compare the two.
 
 use std::sync::Arc;
 
@@ -11,22 +11,22 @@ use crate::{numerics::random, scene::Accelerometer};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sensor {
     pub full_scale: f64,
-    /// Step of a reading; 0 without quantisation.
+    /// Smallest step between two readings. It is 0 without quantisation.
     pub resolution: f64,
     pub bias: f64,
     /// RMS of the noise of one reading.
     noise: f64,
-    /// Fraction of a change that passes the low-pass in one sample; 1 without a low-pass.
+    /// Fraction of a change that passes the low-pass in one sample. It is 1 without a low-pass.
     pub follows: f64,
     filtered: f64,
     drawn: u64,
 }
 
 impl Sensor {
-    /// LSB of an [`Acceleration`] per count per sample^2.
+    /// Factor from counts per sample^2 to LSB of an [`Acceleration`].
     pub const LSB: f64 = (1u32 << Acceleration::FRACTION_BITS) as f64;
 
-    /// A sensor before its first reading, at rest.
+    /// A sensor at rest, before its first reading.
     pub fn new(sensor: &Accelerometer, rate_hz: f64, resolution_m: f64) -> Self {
         let per_unit = 1.0 / (resolution_m * rate_hz * rate_hz);
         let bandwidth_hz = sensor.bandwidth_hz.unwrap_or(f64::INFINITY);
@@ -34,7 +34,7 @@ impl Sensor {
             full_scale: sensor.full_scale_m_per_s2 * per_unit,
             resolution: sensor.resolution_m_per_s2 * per_unit,
             bias: sensor.bias_m_per_s2 * per_unit,
-            // The noise density over a band of half the sampling rate.
+            // the noise density, integrated over a band of half the sampling rate
             noise: sensor.noise_m_per_s2_per_sqrt_hz * (0.5 * rate_hz).sqrt() * per_unit,
             follows: -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_hz / rate_hz),
             filtered: 0.0,
@@ -42,7 +42,7 @@ impl Sensor {
         }
     }
 
-    /// The reading for a mean acceleration, counts per sample^2.
+    /// The reading for a mean acceleration. `acceleration` is in counts per sample^2.
     pub fn read(&mut self, acceleration: f64) -> Acceleration {
         let shown = self.shown(acceleration);
         Acceleration::saturating_from_bits(round(shown * Self::LSB))
@@ -60,7 +60,7 @@ impl Sensor {
         }
     }
 
-    /// Noise of the next reading, counts per sample^2.
+    /// Noise of the next reading in counts per sample^2.
     fn noise(&mut self) -> f64 {
         if self.noise > 0.0 { self.noise * self.normal() } else { 0.0 }
     }
@@ -79,13 +79,13 @@ pub(crate) struct Readings {
     pub sensor: Sensor,
     /// Factor from m/s to counts per sample.
     pub speed: f64,
-    /// Noise of the reading at each sample of a hit, counts per sample^2. At sample 0 there is no reading yet, so the
-    /// value of sample 0 is minus the bias.
+    /// Noise of the reading at each sample of a hit, in counts per sample^2. At sample 0 there is no reading yet. So
+    /// the value of sample 0 is minus the bias.
     pub noise: Arc<[f64]>,
 }
 
 impl Readings {
-    /// Noise and sensor for hits of `samples` samples. `sensor` must be at rest.
+    /// Computes the noise of the sensor for hits of `samples` samples. `sensor` must be at rest.
     pub fn new(sensor: Sensor, speed: f64, samples: u32) -> Self {
         let mut drawing = sensor;
         let read = if sensor.noise > 0.0 { samples.saturating_sub(1) } else { 0 };
@@ -95,7 +95,7 @@ impl Readings {
     }
 }
 
-/// The nearest integer, saturated.
+/// The nearest integer, saturated to the range of `i32`.
 pub(super) fn round(value: f64) -> i32 {
     #[expect(clippy::cast_possible_truncation, reason = "saturates, as it must")]
     let nearest = value.round() as i32;

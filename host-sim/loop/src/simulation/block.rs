@@ -12,9 +12,9 @@ use super::{
 };
 use crate::plant::{Course, Places, RUN};
 
-/// Largest number of samples in a block.
+/// Largest number of samples that are collected in a block.
 const SAMPLES: usize = 128;
-/// Entries for a block, and for one more run.
+/// Number of entries: room for a block and for one more run.
 const ROOM: usize = SAMPLES + RUN;
 
 /// Results of several samples.
@@ -24,7 +24,7 @@ pub struct Block {
     samples: usize,
     positions_m: [f64; ROOM],
     counts: [i32; ROOM],
-    /// The controller's velocities, counts per sample. The next field has the forces at the samples' ends, N. Both
+    /// The controller's velocities in counts per sample. The next field has the forces at the samples' ends in N. Both
     /// fields are only filled if samples are observed.
     velocities: [f64; ROOM],
     outputs_n: [f64; ROOM],
@@ -33,7 +33,7 @@ pub struct Block {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// Index of the output's sample in the block.
+    /// The output belongs to the sample with this index in the block.
     pub place: usize,
     pub rendered: ControllerOutput,
 }
@@ -49,7 +49,8 @@ pub(super) struct Run {
 impl Run {
     pub const NONE: Self = Self { samples: 0, course: Course::NONE, senses: [Senses::NONE; RUN] };
 
-    /// Computes the inputs beside the count at the run's samples, for these positions.
+    /// Computes the inputs that the controller gets in addition to the count. The handle is at these positions at the
+    /// run's samples.
     #[inline]
     fn sense<S: Sensing>(&mut self, positions_m: &[f64; RUN], sensing: &mut S) {
         let speeds_m_per_s = &self.course.speeds_m_per_s;
@@ -140,7 +141,7 @@ impl Block {
         Some(Places { positions_m, counts: counts.get_mut(at..)?.first_chunk_mut()? })
     }
 
-    /// Adds the samples of a run: runs the controller's estimator over them.
+    /// Adds the samples of a run. The controller's estimator runs over them.
     #[inline]
     pub(super) fn take<C: Controller, S: Sensing>(
         &mut self,
@@ -177,7 +178,7 @@ impl Block {
         self.outputs.push(Output { place: self.samples - 1, rendered });
     }
 
-    /// Stores the force at the last sample's end, N.
+    /// Stores the force at the end of the last sample, in N.
     pub(super) fn end(&mut self, output_n: f64) {
         if let Some(last) = self.outputs_n.get_mut(self.samples - 1) {
             *last = output_n;

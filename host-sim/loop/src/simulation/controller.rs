@@ -1,4 +1,4 @@
-//! The controller's interface in the sampled loop, and the core with this interface.
+//! The interface that a controller has in the sampled loop. The core has this interface too.
 
 use zwidth::{
     Design, Drive, LoopParameters, Motion, Sampler, Settings, SettingsError,
@@ -10,18 +10,18 @@ use zwidth::{
 use super::quantiser::floor;
 use crate::plant::RUN;
 
-/// Result of a controller at an output.
+/// What a controller computes for an output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControllerOutput {
-    /// Commanded force after saturation, fraction of full scale.
+    /// Commanded force after saturation, as a fraction of full scale.
     pub force: f64,
-    /// Force of the actuator's code, fraction of full scale.
+    /// Force that the actuator's code stands for, as a fraction of full scale.
     pub output: f64,
     /// Whether the demand was above the actuator's limit.
     pub saturated: bool,
-    /// Part of the wall's force that the passivity controller withheld, fraction of full scale.
+    /// Part of the wall's force that the passivity controller withheld, as a fraction of full scale.
     pub withheld: f64,
-    /// Push of the motor at this output, fraction of full scale.
+    /// Push of the motor at this output, as a fraction of full scale.
     pub push: f64,
 }
 
@@ -30,14 +30,14 @@ pub struct ControllerOutput {
 pub struct Readings<'a> {
     /// Encoder counts, one per sample.
     pub counts: &'a [i32],
-    /// Inputs beside the counts. Empty if the controller needs none.
+    /// The inputs in addition to the counts. The list is empty if the controller needs none.
     pub senses: &'a [Senses],
-    /// True speeds, m/s, for a controller with [`IS_TOLD`](Controller::IS_TOLD).
+    /// True speeds in m/s. Only a controller with [`IS_TOLD`](Controller::IS_TOLD) gets them.
     pub speeds_m_per_s: &'a [f64],
 }
 
 impl<'a> Readings<'a> {
-    /// Count of each sample, and its other inputs.
+    /// The count of each sample, with the other inputs of the sample.
     #[inline]
     pub fn each(&self) -> impl Iterator<Item = (i32, &'a Senses)> + use<'a> {
         let senses = self.senses;
@@ -46,7 +46,7 @@ impl<'a> Readings<'a> {
     }
 }
 
-/// A controller in the loop: gets counts, gives forces.
+/// A controller in the loop. It gets counts and gives forces.
 pub trait Controller {
     /// Takes the samples of a run. Only the last sample may have an output. Stores the velocities if `velocities` is
     /// given.
@@ -67,19 +67,19 @@ pub trait Controller {
     fn sample(&mut self, count: i32, senses: &Senses) -> bool;
     /// Computes the output that is due with the last sample.
     fn render(&mut self) -> ControllerOutput;
-    /// The velocity at the last sample, counts per sample.
+    /// The velocity at the last sample, in counts per sample.
     fn velocity(&self) -> f64;
-    /// Position of the wall's surface, counts. At larger counts the handle is in contact.
+    /// Position of the wall's surface, in counts. At larger counts the handle is in contact.
     fn surface(&self) -> i32;
     /// Whether the controller uses the true speed.
     const IS_TOLD: bool = false;
-    /// Takes the true speed at the last sample, m/s.
+    /// Takes the true speed at the last sample, in m/s.
     fn told(&mut self, _speed_m_per_s: f64) {}
-    /// The controller's push into the wall, fraction of full scale.
+    /// The controller's push into the wall, as a fraction of full scale.
     fn push(&self) -> f64;
-    /// Sets the push from the next output on.
+    /// Sets the push that acts from the next output on.
     fn set_push(&mut self, push: f64);
-    /// Force after the output's rounding, fraction of full scale, for the commanded `force`.
+    /// The force that the output gives for the commanded `force`, after rounding. Both are fractions of full scale.
     fn put_out(&self, force: f64) -> f64;
 }
 
@@ -97,7 +97,7 @@ impl Told {
     }
 }
 
-/// LSB of [`Velocity`] per m/s.
+/// Factor from m/s to LSB of [`Velocity`].
 pub fn lsb_per_m_per_s(design: &Design) -> f64 {
     f64::from(1u32 << Velocity::FRACTION_BITS) / (design.resolution_m * design.rate_hz)
 }
@@ -152,7 +152,7 @@ pub struct Fixed {
 }
 
 impl Fixed {
-    /// The core with these settings, at rest at `count`, with a constant push.
+    /// Makes a core with these settings and a constant push. It is at rest at `count`.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -181,7 +181,7 @@ impl Fixed {
         &self.control
     }
 
-    /// Position and velocity in the core at the last sample.
+    /// Position and velocity that the core has at the last sample.
     pub fn motion(&self) -> Motion {
         self.motion
     }

@@ -1,8 +1,9 @@
-//! Time at which the handle crossed the border between two counts. The path of the handle is the cubic through the
+//! The time at which the handle crossed the border between two counts. The path of the handle is the cubic that has the
 //! positions and speeds at both ends of a sample.
 
-/// The last crossing into the count of the sample's end: the time of the crossing within the sample (0 to 1), and
-/// whether the crossing was upwards. `None` without a crossing. Positions are in counts, speeds in counts per sample.
+/// Finds the last crossing into the count at the sample's end. Returns the time of the crossing within the sample (0 to
+/// 1), and whether the crossing was upwards. Returns `None` without a crossing. Positions are in counts, speeds in
+/// counts per sample.
 pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> {
     let cell = x1.floor();
     // x(t) = x0 + t (v0 + t (b + t a)), its slope v0 + 2 b t + 3 a t^2
@@ -11,7 +12,7 @@ pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> 
     let b = 3.0 * moved - 2.0 * v0 - v1;
     let at = |t: f64| x0 + t * (v0 + t * (b + t * a));
     let slope = |t: f64| v0 + t * (2.0 * b + t * 3.0 * a);
-    // Search backwards from the end, over monotone pieces.
+    // searches backwards from the end, over monotone pieces
     let mut until = 1.0;
     for from in turns(v0, b, a) {
         let x = at(from);
@@ -47,12 +48,13 @@ fn turns(v0: f64, b: f64, a: f64) -> impl Iterator<Item = f64> {
     roots.into_iter().filter(|t| *t > 0.0 && *t < 1.0).chain([0.0])
 }
 
-/// Number of halvings of a sample. The resulting 2^-32 of a sample is much finer than 2^-16, the resolution of an
-/// edge's age.
+/// How often a sample is halved to find a crossing. The resulting 2^-32 of a sample is much finer than the resolution
+/// of an edge's age, which is 2^-16.
 const HALVINGS: u32 = 32;
-/// Number of parts of a sample after [`HALVINGS`] halvings.
+/// Number of parts into which [`HALVINGS`] halvings divide a sample.
 const PARTS: f64 = (1u64 << HALVINGS) as f64;
-/// Number of Newton steps to a crossing. From the middle of the sample, each step doubles the number of correct digits.
+/// Number of Newton steps that find a crossing. They start from the middle of the sample. Each step doubles the number
+/// of correct digits.
 const NEWTON_STEPS: u32 = 4;
 
 /// Zero of a monotone function between two points at which its signs differ.

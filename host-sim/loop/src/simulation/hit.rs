@@ -1,4 +1,4 @@
-//! One wall hit: its wall, the arithmetic and the results.
+//! One wall hit: the wall, the arithmetic of the controller, and the results.
 
 use std::ops::Deref;
 
@@ -29,7 +29,7 @@ impl Numeric {
         }
     }
 
-    /// Rounding of the twin. `None` if the core runs.
+    /// How the twin rounds. `None` if the core runs instead of the twin.
     pub(crate) fn twin(self) -> Option<twin::Rounding> {
         match self {
             Self::Fixed => None,
@@ -39,7 +39,7 @@ impl Numeric {
     }
 }
 
-/// A wall, and the start position of a hit on it.
+/// A wall, and the position from which a hit on it starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WallHit {
     pub velocity: VelocitySettings,
@@ -54,21 +54,22 @@ pub struct WallHit {
 pub struct HitReport {
     pub verdict: Verdict,
     pub measures: Measures,
-    /// Mean of the counts over the window, as a position, m.
+    /// Mean of the counts over the window, as a position in m.
     pub mean_m: f64,
-    /// Deepest position behind the surface during the whole hit, m; 0 without contact.
+    /// Deepest position behind the surface during the whole hit, in m. It is 0 without contact.
     pub peak_penetration_m: f64,
     /// Saturated outputs as a fraction of all outputs of the hit.
     pub saturated_fraction: f64,
     /// Samples in contact as a fraction of the window's samples.
     pub contact_fraction: f64,
-    /// Samples at which the count changed by more than the core's velocity can represent, as a fraction of all samples.
+    /// Samples whose count changed by more than the core's velocity can represent, as a fraction of all samples.
     pub velocity_clipped_fraction: f64,
-    /// Energy that the wall's force exchanged over the motion of the counts. The push is not included.
+    /// Energy that the wall exchanged with the hand. It is the wall's force over the motion of the counts; the push is
+    /// not included.
     pub port: PortReport,
 }
 
-/// The measures of the window can be read like fields of the report.
+/// Lets the measures of the window be read like fields of the report.
 impl Deref for HitReport {
     type Target = Measures;
 
@@ -78,8 +79,9 @@ impl Deref for HitReport {
 }
 
 impl HitReport {
-    /// The report that decides the verdict, from the [`reports`](super::prepared::PreparedScene::reports) at several
-    /// pushes: the first report that is not stable, or, if all are stable, the report with the largest force RMS.
+    /// Selects the report that decides the verdict, from the [`reports`](super::prepared::PreparedScene::reports) at
+    /// several pushes. It is the first report that is not stable. If all are stable, it is the report with the largest
+    /// force RMS.
     pub fn deciding(reports: &[(f64, Self)]) -> Option<Self> {
         let mut each = reports.iter().map(|(_, report)| *report);
         each.clone().find(|report| !report.is_stable()).or_else(|| {
@@ -106,7 +108,7 @@ pub(crate) fn louder<T>(kept: Option<T>, next: T, force_n: impl Fn(&T) -> Option
 #[derive(Clone, Debug, PartialEq)]
 pub enum HitError {
     Settings(SettingsError),
-    /// At this sample the handle left the +-2^30 counts that the core accepts.
+    /// At this sample the handle left the range that the core accepts, +-2^30 counts.
     OutOfRange(u64),
 }
 

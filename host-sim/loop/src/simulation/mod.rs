@@ -35,27 +35,27 @@ pub struct Parts<P> {
     /// The plant, whose step is split when a command takes effect.
     pub plant: P,
     pub encoder: Quantiser,
-    /// Force at full command, N.
+    /// Force at full command in N.
     pub full_scale_n: f64,
-    /// Whole samples from the encoder reading to the force. `plant` has the rest of the latency.
+    /// Number of whole samples from the encoder reading to the force. `plant` has the rest of the latency.
     pub latency: u32,
-    /// Samples per output. The controller must have the same number.
+    /// Number of samples from one output to the next. The controller must have the same number.
     pub period: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Number of the sample, from 0; its time is `index / rate`.
+    /// Number of the sample, from 0. The sample's time is `index / rate`.
     pub index: u64,
-    /// Position of the handle at the sample, m.
+    /// Position of the handle at the sample, in m.
     pub position_m: f64,
     /// Reading of the encoder.
     pub count: i32,
-    /// The controller's velocity, counts per sample.
+    /// The controller's velocity in counts per sample.
     pub velocity: f64,
     /// The output that was computed with this sample, if an output was due.
     pub rendered: Option<ControllerOutput>,
-    /// Force that acts on the handle at the end of this sample, N.
+    /// Force that acts on the handle at the end of this sample, in N.
     pub output_n: f64,
 }
 
@@ -64,7 +64,7 @@ pub struct Sample {
 pub struct Simulation<C, S = Full, P: Plant = AnyPlant> {
     parts: Parts<P>,
     moving: Moving<C, S, P::State>,
-    /// Ring of all commands that have not taken effect yet, N.
+    /// Ring of all commands that have not taken effect yet, in N.
     forces_n: Box<[f64]>,
     block: Box<Block>,
 }
@@ -75,13 +75,14 @@ struct Moving<C, S, X> {
     sensing: S,
     state: X,
     index: u64,
-    /// Samples until the next output; 0 if the next sample has an output. The controller has the same counter.
+    /// Number of samples until the next output. It is 0 if the next sample has an output. The controller has the same
+    /// counter.
     until_due: u32,
     output_n: f64,
     on_the_way: Latency,
 }
 
-/// Indices of the commands that have not taken effect yet. A command is sent every `period` samples.
+/// Positions in the ring of the commands that have not taken effect yet. A command is sent every `period` samples.
 #[derive(Clone, Copy, Debug)]
 struct Latency {
     write: usize,
@@ -100,8 +101,8 @@ impl Latency {
         self.write = following(self.write, forces_n);
     }
 
-    /// Number of samples from `index` until the next command takes effect, and this command, N. The command of sample
-    /// `index` is not known yet.
+    /// Number of samples from `index` until the next command takes effect, and this command in N. The command that the
+    /// sample `index` will send is not known yet.
     #[inline]
     fn next(&self, forces_n: &[f64], index: u64, acting_n: f64) -> (usize, f64) {
         let samples = usize::try_from(self.effective - index).unwrap_or(usize::MAX);
@@ -132,9 +133,9 @@ impl<P> Parts<P> {
 }
 
 impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
-    /// Computes the next samples: at most `most` samples, and only up to the first output. Sample `n` is at `t = n T`,
-    /// and includes the motion until `(n + 1) T`. docs/theory.md describes the five steps of a sample. Returns the
-    /// number of samples.
+    /// Computes the next samples: at most `most` samples, and only up to the first output. Returns how many were
+    /// computed. Sample `n` is at `t = n T`, and includes the motion until `(n + 1) T`. docs/theory.md describes the
+    /// five steps of a sample.
     #[inline(always)]
     fn run<P: Plant<State = X>>(
         &mut self,
@@ -149,8 +150,8 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
         let samples = if due { self.until_due + 1 } else { most };
         self.until_due = if due { parts.period - 1 } else { self.until_due - samples };
         let (index, looks) = (self.index, self.sensing.looks());
-        // step 1: the encoder; steps 4 and 5: the plant until the last sample, with a command that arrives before this
-        // sample
+        // step 1: the encoder; steps 4 and 5: the plant moves until the last sample, with a command that arrives before
+        // this sample
         run.samples = samples as usize;
         let (arrival, arriving_n) = self.on_the_way.next(forces_n, index, self.output_n);
         let span = Span {
@@ -203,7 +204,8 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
 }
 
 impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
-    /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the count for `start_m`.
+    /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the count that belongs to
+    /// `start_m`.
     pub fn new(parts: Parts<P>, controller: C, sensing: S, start_m: f64) -> Self {
         let on_the_way = Latency {
             write: 0,
@@ -273,7 +275,7 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         &mut self.moving.controller
     }
 
-    /// Replaces the plant with the same plant under another force of the hand.
+    /// Replaces the plant with the same plant, but with another force of the hand.
     pub(crate) fn set_plant(&mut self, plant: P) {
         self.parts.plant = plant;
     }

@@ -1,5 +1,5 @@
-//! The passivity controller after the wall's controller: the wall gives no more energy than a reserve. The two together
-//! do the same as the core's [`PassiveWall`], for any arithmetic.
+//! The passivity controller, which acts after the wall's controller. It lets the wall give no more energy than a
+//! reserve. The two together do the same as the core's [`PassiveWall`], for any arithmetic.
 
 use zwidth::{
     passivity::{PassiveWall, Passivity},
@@ -9,10 +9,10 @@ use zwidth::{
 
 use super::controller::{Controller, ControllerOutput};
 
-/// Full scale, LSB of force.
+/// Full scale in LSB of force.
 pub(super) const FULL_SCALE: f64 = (1u32 << Force::FRACTION_BITS) as f64;
 
-/// A fraction of full scale in LSB of force. Exact for the core's forces.
+/// Converts a fraction of full scale to LSB of force. The conversion is exact for the core's forces.
 pub(super) fn bits(fraction: f64) -> i64 {
     let exact = fraction * FULL_SCALE;
     #[expect(clippy::cast_possible_truncation, reason = "at most two full scales")]

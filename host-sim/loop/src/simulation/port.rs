@@ -1,34 +1,35 @@
-//! Energy that wall and hand exchange during a hit, at the port between the two. A force of the wall is included from
-//! the sample at which the force acts. The motion is computed from the counts.
+//! The energy that wall and hand exchange during a hit. The port is where wall and hand meet. A force of the wall is
+//! included from the sample at which the force acts. The motion is computed from the counts.
 
 use zwidth::{Design, port::PortEnergy, units::Position};
 
 use super::{Block, Output, Sample, controller::ControllerOutput, passive};
 
-/// Energy at the port, and the wall forces that do not act yet.
+/// Measures the energy at the port. It also stores the wall forces that do not act yet.
 #[derive(Clone, Debug)]
 pub struct PortWatch {
     port: PortEnergy,
-    /// Forces that do not act yet: for each, the sample at which the force acts, the force, and whether the handle is
-    /// in contact.
+    /// Forces that do not act yet. Each entry has the sample at which the force acts, the force, and whether the handle
+    /// is in contact.
     pending: Vec<(u64, i64, bool)>,
-    /// Whole samples from an output until its force acts.
+    /// Number of whole samples from an output until its force acts.
     latency: u64,
     surface: i32,
-    /// Energy of one LSB of force times one count, J.
+    /// Energy of one LSB of force times one count, in J.
     unit_j: f64,
-    /// Number of outputs in contact, and number of these outputs that the passivity controller changed.
+    /// Number of outputs in contact, and how many of these outputs the passivity controller changed.
     outputs: [u32; 2],
-    /// Sums of magnitudes over the outputs in contact: wall force before the passivity controller, and withheld force.
+    /// Two sums of magnitudes over the outputs in contact: the wall's force before the passivity controller, and the
+    /// force that this controller withheld.
     forces: [f64; 2],
 }
 
-/// Energy that wall and hand exchanged in a hit, J.
+/// Energy that wall and hand exchanged in a hit, in J.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PortReport {
-    /// Energy that the wall has taken in the last contact, J. Negative if the wall has given energy.
+    /// Energy that the wall has taken in the last contact in J. Negative if the wall has given energy.
     pub taken_j: f64,
-    /// Largest net energy that the wall has given in a contact, at any time, J.
+    /// Largest net energy that the wall has given in a contact, at any time, in J.
     pub given_j: f64,
     /// Outputs that the passivity controller changed, as a fraction of the outputs in contact.
     pub limited_fraction: f64,
@@ -37,7 +38,7 @@ pub struct PortReport {
 }
 
 impl PortWatch {
-    /// The port of a handle at rest at `count`.
+    /// The port, for a handle at rest at `count`.
     pub fn new(design: &Design, latency: u32, surface: i32, count: i32) -> Self {
         Self {
             port: PortEnergy::new(Position::from_counts(count)),
@@ -87,7 +88,7 @@ impl PortWatch {
         }
     }
 
-    /// Report up to the sample with this count.
+    /// The report up to the sample that has this count.
     pub fn report(&self, count: i32) -> PortReport {
         let mut port = self.port;
         port.moved(Position::from_counts(count));

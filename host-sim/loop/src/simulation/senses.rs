@@ -1,4 +1,5 @@
-//! Inputs of the controller beside the count (senses): commanded force, acceleration, edge times.
+//! The inputs (senses) that a controller can have in addition to the count: commanded force, acceleration, and edge
+//! times.
 //!
 //! Few estimators use these inputs. So a run is compiled in two forms: without these inputs ([`Blind`]) and with these
 //! inputs ([`Full`]). The prepared scene selects one form per run. Only the input that the hit's estimator uses is
@@ -25,18 +26,18 @@ pub struct Handle {
     pub speed_m_per_s: f64,
 }
 
-/// Computes the inputs beside the count, from the motion between samples.
+/// Computes the inputs in addition to the count, from the motion between samples.
 pub trait Sensing: Copy {
-    /// Whether there is any input beside the count.
+    /// Whether there is any input in addition to the count.
     fn looks(&self) -> bool;
     fn senses(&self) -> &Senses;
-    /// Takes a force that the controller granted, fraction of full scale.
+    /// Takes a force that the controller granted, as a fraction of full scale.
     fn granted(&mut self, force: f64);
     /// Takes the handle's motion over one sample.
     fn moved(&mut self, from: Handle, to: Handle);
 }
 
-/// No input beside the count.
+/// The inputs of a controller that gets nothing but the count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Blind;
 
@@ -60,10 +61,10 @@ impl Sensing for Blind {
 
 /// The inputs that estimators can use.
 ///
-/// *Force*: the last granted force, after saturation; this force stays constant until the next output, as in the
-/// firmware ([`zwidth::safety::GuardedSampler`]). The estimator assumes that the force has acted since the last sample.
-/// This assumption suits our boards, whose latency is below half a sample. With `actuator.latency_known` the estimator
-/// gets the force when the force acts: later by the latency, rounded to whole samples.
+/// *Force*: the force that was granted last, after saturation. This force stays constant until the next output, as in
+/// the firmware ([`zwidth::safety::GuardedSampler`]). The estimator assumes that the force has acted since the last
+/// sample. This assumption suits our boards, whose latency is below half a sample. With `actuator.latency_known`, the
+/// estimator gets the force only when the force acts. This is later by the latency, rounded to whole samples.
 ///
 /// *Acceleration*: the mean over the sample, computed from the speeds. If the scene's accelerometer has a bandwidth, a
 /// first-order low-pass follows. Noise, bias, range and resolution are applied last.
@@ -76,7 +77,7 @@ impl Sensing for Blind {
 /// ([`Scene::feeds`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Full {
-    /// The input that the estimator uses beside the counts. `None` if the estimator uses only counts.
+    /// The input that the estimator uses in addition to the counts. `None` if the estimator uses only counts.
     looks_at: Option<Sense>,
     encoder: Quantiser,
     /// Factor from m/s to counts per sample.
@@ -92,7 +93,7 @@ pub struct Full {
 struct Told {
     granted: Force,
     ring: [Force; LATENCY_KNOWN_MAX as usize],
-    /// Number of used entries. With 0, the estimator gets a force at once.
+    /// Number of used entries in the ring. If it is 0, the estimator gets a force at once.
     samples: usize,
     next: usize,
 }
@@ -134,7 +135,7 @@ impl Full {
         }
     }
 
-    /// Noise and sensor of the accelerometer, for hits of `samples` samples.
+    /// Sensor and noise of the accelerometer, for hits of `samples` samples.
     pub(crate) fn readings(&self, samples: u32) -> Option<Readings> {
         self.accelerometer.map(|sensor| Readings::new(sensor, self.speed, samples))
     }
@@ -316,7 +317,8 @@ mod tests {
         let readings: Vec<f64> = (0..20_000).map(|_| read(&mut noisy, 0.0)).collect();
         let mean = readings.iter().sum::<f64>() / 20_000.0;
         let rms = (readings.iter().map(|x| x * x).sum::<f64>() / 20_000.0).sqrt();
-        // RMS = density times the square root of half the rate = 0.7071; the tolerance is five standard errors
+        // The RMS is the density times the square root of half the rate, which is 0.7071. The tolerance is five
+        // standard errors.
         assert!((rms / 0.5f64.sqrt() - 1.0).abs() < 0.025 && mean.abs() < 0.025, "{rms} {mean}");
     }
 }

@@ -10,14 +10,14 @@ use crate::{
     },
 };
 
-/// Bit of the flags: the handle is inside the wall.
+/// This bit of the flags says that the handle is inside the wall.
 pub const CONTACT: u8 = 1;
-/// Bit of the flags: an output was computed with this sample.
+/// This bit of the flags says that an output was computed with this sample.
 pub const RENDERED: u8 = 2;
-/// Bit of the flags: the last output saturated.
+/// This bit of the flags says that the last output saturated.
 pub const SATURATED: u8 = 4;
 
-/// Largest number of samples in a trace: 200 s at 10 kHz, about half a gigabyte with the CSV.
+/// Largest number of samples in a trace. It is 200 s at 10 kHz, or about half a gigabyte with the CSV.
 const SAMPLES_MAX: u64 = 2_000_000;
 
 fn samples(prepared: &PreparedScene) -> u64 {
@@ -37,24 +37,24 @@ pub struct Trace {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
-    /// True position of the handle, m.
+    /// True position of the handle in m.
     pub position_m: f64,
     pub count: i32,
-    /// The controller's velocity, m/s.
+    /// The controller's velocity in m/s.
     pub velocity_m_per_s: f64,
-    /// Commanded force, N; constant between outputs.
+    /// Commanded force in N. It is constant between outputs.
     pub force_n: f64,
-    /// Force on the handle at the end of the sample, after latency and output quantisation, N.
+    /// Force on the handle at the end of the sample, in N. Latency and output quantisation are included.
     pub output_n: f64,
     /// Sum of [`CONTACT`], [`RENDERED`] and [`SATURATED`].
     pub flags: u8,
-    /// Energy that the wall has taken in this contact, J, from the wall's force and the counts. Negative if the wall
-    /// has given energy.
+    /// Energy that the wall has taken in this contact, in J. It is computed from the wall's force and the counts. It is
+    /// negative if the wall has given energy.
     pub port_energy_j: f64,
 }
 
 impl Trace {
-    /// Error message if a hit of this scene is too long to store every sample. Otherwise `None`.
+    /// The error message if a hit of this scene has too many samples to store them all. Otherwise `None`.
     pub fn refused(prepared: &PreparedScene) -> Option<String> {
         let samples = samples(prepared);
         (samples > SAMPLES_MAX).then(|| {

@@ -1,4 +1,4 @@
-//! Measures of a hit's window, beside the RMS of its counts, and the verdict from all measures.
+//! The measures of a hit's window, in addition to the RMS of its counts. All measures together decide the verdict.
 //!
 //! | quantity | meaning, over the samples of the window |
 //! |----------|------------------------------|
@@ -20,26 +20,26 @@ use crate::{
     scene::{Criterion, FeltCurve, PushBy, RmsOf, Scene},
 };
 
-/// Frequency band of the sensation level, Hz.
+/// Frequency band of the sensation level in Hz.
 const FELT_HZ: [f64; 2] = [2.0, 1000.0];
-/// Sensation level without any motion, dB.
+/// Sensation level that stands for no motion at all, in dB.
 const NO_MOTION_DB: f64 = -200.0;
-/// Factor for rounding errors in the decision that a sum will exceed a limit.
+/// A sum must exceed a limit by this factor before it is certain to exceed it. The factor allows for rounding errors.
 const SURE: f64 = 1.0 + 1e-9;
 
 /// Sums over the samples of the window so far. The lanes use the same order of operations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Watch {
-    /// First position of the window, m.
+    /// First position of the window in m.
     pub origin_m: f64,
-    /// Sum of the positions relative to `origin_m`, m.
+    /// Sum of the positions relative to `origin_m`, in m.
     pub sum_m: f64,
-    /// Sum of the squares of the positions relative to `origin_m`, m^2.
+    /// Sum of the squares of the positions relative to `origin_m`, in m^2.
     pub squares: f64,
     /// Number of outputs at the actuator's limit.
     pub at_limit: f64,
     pub outputs: f64,
-    /// Sum of the forces of all outputs, fractions of full scale.
+    /// Sum of the forces of all outputs. The forces are fractions of full scale.
     pub forces: f64,
     /// Sum of the squares of the forces of all outputs.
     pub force_squares: f64,
@@ -69,7 +69,7 @@ impl Watch {
         (self.force_squares - self.forces * self.forces / self.outputs.max(1.0)).max(0.0)
     }
 
-    /// Sum of the squares of `samples` positions about their mean, m^2.
+    /// Sum of the squares of `samples` positions about their mean, in m^2.
     fn scatter(&self, samples: u32) -> f64 {
         (self.squares - self.sum_m * self.sum_m / f64::from(samples.max(1))).max(0.0)
     }
@@ -77,27 +77,27 @@ impl Watch {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measures {
-    /// Population RMS of the counts about their mean, m.
+    /// Population RMS of the counts about their mean, in m.
     pub rms_m: f64,
-    /// Population RMS of the true positions about their mean, m.
+    /// Population RMS of the true positions about their mean, in m.
     pub rms_motion_m: f64,
     /// Outputs at the actuator's limit, as a fraction of the window's outputs.
     pub at_limit_fraction: f64,
-    /// Sensation level of the motion, dB; `None` if it was not computed.
+    /// Sensation level of the motion in dB. `None` if it was not computed.
     pub sensation_db: Option<f64>,
-    /// Population RMS of the force, N.
+    /// Population RMS of the force in N.
     pub force_rms_n: f64,
-    /// Mean force of the wall, N.
+    /// Mean force of the wall in N.
     pub wall_force_n: f64,
-    /// K times the mean penetration, divided by `wall_force_n`; `None` if `wall_force_n` is 0.
+    /// K times the mean penetration, divided by `wall_force_n`. `None` if `wall_force_n` is 0.
     pub penetration_ratio: Option<f64>,
 }
 
-/// The wall of a hit.
+/// The wall that a hit is judged against.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stiff {
     pub stiffness_n_per_m: f64,
-    /// Position of the surface, counts.
+    /// Position of the surface in counts.
     pub surface: i32,
 }
 
@@ -107,11 +107,11 @@ pub struct Judge {
     criterion: Criterion,
     rms_of: RmsOf,
     limit_m: f64,
-    /// Limit of the RMS of the counts at a quiet wall. The next field is the limit of the force's RMS, as a fraction of
-    /// full scale.
+    /// Limit of the RMS of the counts for a wall that is quiet. The next field is the limit of the force's RMS, as a
+    /// fraction of full scale.
     quiet_counts: RmsLimit,
     quiet_force: f64,
-    /// The motor's push, fraction of full scale.
+    /// The motor's push, as a fraction of full scale.
     push: f64,
     full_scale_n: f64,
     felt_limit_db: f64,
@@ -146,29 +146,29 @@ impl Judge {
         if hit.criterion == Criterion::Felt { judge.with_felt(scene) } else { judge }
     }
 
-    /// Also computes the sensation level of every whole hit, if the length of the window allows it.
+    /// Computes the sensation level of every whole hit too, if the length of the window allows it.
     pub fn with_felt(mut self, scene: &Scene) -> Self {
         self.felt = Felt::of(scene).map(Arc::new);
         self
     }
 
-    /// Also computes the measures of hits whose verdict does not need them.
+    /// Computes the measures also for hits whose verdict does not need them.
     pub fn with_measures(self) -> Self {
         Self { measures: true, ..self }
     }
 
-    /// Whether nothing but the counts is needed.
+    /// Whether the verdict needs nothing but the counts.
     pub fn is_plain(&self) -> bool {
         let by_counts = self.criterion == Criterion::Rms && self.rms_of == RmsOf::Counts;
         by_counts && !self.varies && self.felt.is_none() && !self.measures
     }
 
-    /// The same judge for another push of the motor, fraction of full scale.
+    /// The same judge for another push of the motor. `push` is a fraction of full scale.
     pub fn about(self, push: f64) -> Self {
         Self { push, ..self }
     }
 
-    /// Whether each position in the window is needed, and not only sums.
+    /// Whether the measures need each position in the window, and not only sums.
     pub fn listens(&self) -> bool {
         self.felt.is_some()
     }
@@ -232,8 +232,8 @@ impl Judge {
         if stable { Verdict::Stable } else { Verdict::Unstable }
     }
 
-    /// The verdict before the end of the window, if the verdict is certain; else `None`. With a sensation level, the
-    /// verdict is never certain before the end, because later samples may have more weight.
+    /// The verdict before the end of the window, if it is already certain. Otherwise `None`. With a sensation level,
+    /// the verdict is never certain before the end, because later samples may have more weight.
     pub fn certain_verdict(&self, hit: &Hit, watch: &Watch, window: u32) -> Option<Verdict> {
         let by_counts = || hit.certain_verdict();
         let moves = || {
@@ -271,11 +271,11 @@ impl Judge {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Felt(Band);
 
-/// Energy of a signal in a band, weighted over frequency, for windows of one length.
+/// Energy of a signal in a frequency band, with a weight for each frequency. It is prepared for windows of one length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Band {
     spectrum: RealSpectrum,
-    /// Weights of Hann's window function.
+    /// The values of Hann's window function.
     window: Vec<f64>,
     /// First bin of the band.
     first: usize,
@@ -298,14 +298,15 @@ impl Felt {
         Self(Band::new(samples, rate_hz, FELT_HZ, |hz| 1.0 / curve.threshold_m(hz).powi(2)))
     }
 
-    /// Sensation level of the motion, dB above the threshold.
+    /// Sensation level of the motion, in dB above the threshold.
     pub fn level_db(&self, positions_m: Vec<f64>) -> f64 {
         (10.0 * libm::log10(self.0.energy(positions_m))).max(NO_MOTION_DB)
     }
 }
 
 impl Band {
-    /// The band between two frequencies, Hz, for windows of `samples` samples, with a weight for each frequency.
+    /// Prepares the band between two frequencies in Hz, for windows of `samples` samples. `weight` gives the weight of
+    /// each frequency.
     pub fn new(
         samples: usize,
         rate_hz: f64,

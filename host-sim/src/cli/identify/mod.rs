@@ -36,7 +36,7 @@ pub struct IdentifyArgs {
     base: String,
     #[command(flatten)]
     gain: GainArgs,
-    /// Time from a row to the effect of its command, in rows of the log [default: the base scene's time].
+    /// Time from a row until its command acts, in rows of the log [default: the base scene's time].
     #[arg(long, value_name = "ROWS", allow_negative_numbers = true)]
     latency: Option<f64>,
     /// Fit the latency too. The search begins at --latency.
@@ -51,21 +51,21 @@ pub struct IdentifyArgs {
     plan: bool,
     #[command(flatten)]
     terms: TermArgs,
-    /// Rest position of the spring without any other force, m, with a rotary base scene rad. Then a constant force can
-    /// be found too.
+    /// Rest position of the spring without any other force, in m, or in rad with a rotary base scene. With this
+    /// position, a constant force can be found too.
     #[arg(long, value_name = "M", allow_negative_numbers = true, conflicts_with = "no_spring")]
     rest_position: Option<f64>,
     /// Travel per cycle of the encoder's signals, m or rad [default: from the base scene's [encoder_error]; without
     /// this table the travel is searched].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     encoder_cycle: Option<f64>,
-    /// Size of a count, m or rad; 0 for a sensor without counts [default: the base scene's].
+    /// Size of a count in m or rad, or 0 for a sensor without counts [default: the base scene's].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     resolution: Option<f64>,
-    /// Use the records from this time stamp on, s.
+    /// Use the records from this time stamp on, in s.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     from: Option<f64>,
-    /// Use the records up to this time stamp, s.
+    /// Use the records up to this time stamp, in s.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     to: Option<f64>,
     /// Write voltage, measured position and modelled position of the first record as CSV.
@@ -76,7 +76,7 @@ pub struct IdentifyArgs {
     plot: Option<PathBuf>,
 }
 
-/// The terms that are fitted beside mass, damping and spring.
+/// The terms that can be fitted in addition to mass, damping and spring.
 #[derive(Debug, Args)]
 struct TermArgs {
     /// `auto`: the terms that tests find in the record; `none`: only mass, damping and spring.
@@ -136,10 +136,10 @@ struct GainArgs {
     /// force per ampere. For a log with a force: leave this out.
     #[arg(long, value_name = "N_PER_V", allow_negative_numbers = true, conflicts_with_all = ["torque_constant", "amplifier_gain", "drum_radius", "calibration_mass", "calibration_voltage", "added_mass"])]
     gain: Option<f64>,
-    /// k_t in gain = k_t k_amp / r_c, N m/A.
+    /// k_t in gain = k_t k_amp / r_c, in N m/A.
     #[arg(long, value_name = "N_M_PER_A", allow_negative_numbers = true, requires = "drum_radius", conflicts_with_all = ["calibration_mass", "calibration_voltage", "added_mass"])]
     torque_constant: Option<f64>,
-    /// k_amp in gain = k_t k_amp / r_c, A/V. For a log with a current: leave this out.
+    /// k_amp in gain = k_t k_amp / r_c, in A/V. For a log with a current: leave this out.
     #[arg(
         long,
         value_name = "A_PER_V",
@@ -147,10 +147,10 @@ struct GainArgs {
         requires = "torque_constant"
     )]
     amplifier_gain: Option<f64>,
-    /// r_c in gain = k_t k_amp / r_c, m.
+    /// r_c in gain = k_t k_amp / r_c, in m.
     #[arg(long, value_name = "M", allow_negative_numbers = true, requires = "torque_constant")]
     drum_radius: Option<f64>,
-    /// Mass of a weight that the motor holds, kg: gain = mass 9.80665 m/s^2 / voltage.
+    /// Mass of a weight that the motor holds, in kg: gain = mass 9.80665 m/s^2 / voltage.
     #[arg(
         long,
         value_name = "KG",
@@ -159,10 +159,10 @@ struct GainArgs {
         conflicts_with = "added_mass"
     )]
     calibration_mass: Option<f64>,
-    /// Voltage at which the motor holds the weight, V.
+    /// Voltage at which the motor holds the weight, in V.
     #[arg(long, value_name = "V", allow_negative_numbers = true, requires = "calibration_mass")]
     calibration_voltage: Option<f64>,
-    /// Mass that was added to the device for the second record, kg. The gain is then identified too.
+    /// Mass that was added to the device for the second record, in kg. The gain is then identified too.
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     added_mass: Option<f64>,
 }
@@ -231,7 +231,7 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// The result, and the scene made from the result, in the units and keys of the scene's file.
+/// The result, and the scene that is made from it. Both have the units and keys of the scene's file.
 #[derive(Serialize)]
 struct WithScene<'a> {
     #[serde(flatten)]

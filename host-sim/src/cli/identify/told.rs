@@ -10,7 +10,7 @@ use crate::{
     scene::Units,
 };
 
-/// A parameter in the form for people.
+/// A parameter as people read it.
 pub(super) struct Row {
     name: &'static str,
     unit: &'static str,
@@ -18,7 +18,7 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// Name, value and interval. Half the width of the interval has two digits.
+    /// The row as text with name, value and interval. Half the width of the interval has two digits.
     pub(super) fn text(&self) -> String {
         let Self { name, unit, estimate: Estimate { value, half_width, .. } } = self;
         if *half_width == 0.0 {
@@ -67,7 +67,7 @@ pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> V
     }
     rows.extend(terms.lag_s.map(|lag| row("amplifier lag", "s", lag)));
     rows.extend(terms.offset_n.map(|offset| row("offset", "N", offset)));
-    // This row has the same model, written with one friction level for each direction.
+    // This row is the same model, written with one friction level for each direction.
     if let (Some(friction), Some(offset)) = (terms.friction_n, terms.offset_n) {
         let level = |sign: f64| Estimate {
             value: friction.value + sign * offset.value,
@@ -91,7 +91,7 @@ pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> V
     rows
 }
 
-/// Voltage, measured and modelled position of a record.
+/// Voltage, measured position and modelled position of a record, as CSV.
 pub(super) fn csv(record: &Record, found: &Identification) -> String {
     let column = record.command_column();
     let mut text = format!("time_s,{column},position_m,model_m,residual_m\n");

@@ -8,7 +8,8 @@ use plotters::coord::{
     types::RangedCoordf64,
 };
 
-/// Largest number of ticks. On a short axis far from 0, the next round number may be the same float.
+/// Largest number of ticks. Without this limit, a short axis far from 0 might never end: the next round number may be
+/// the same float.
 const MOST_VALUES: u16 = 32;
 const MOST_DECIMALS: usize = 15;
 /// Largest shift of a tick by rounding, as a fraction of a step.
@@ -26,7 +27,7 @@ pub(super) struct Ticks {
 }
 
 impl Ticks {
-    /// Ticks at round numbers. The range is extended to the next ticks outside the range.
+    /// Makes ticks at round numbers. The range is extended to the next ticks outside.
     pub(super) fn around(low: f64, high: f64, at_most: usize) -> Self {
         let inside = Self::within(low, high, at_most);
         let (Some(step), Some(first)) = (inside.step(), inside.values.first()) else {
@@ -57,7 +58,7 @@ impl Ticks {
         ticks
     }
 
-    /// The axis for data that is 0 everywhere, with one tick.
+    /// The axis for data that is 0 everywhere. It has one tick.
     pub(super) fn nothing() -> Self {
         Self { values: vec![0.0], decimals: 0, low: 0.0, high: 1.0 }
     }
@@ -114,7 +115,8 @@ pub(crate) fn hertz(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// Divisor for values up to `largest`, and the unit with its power of ten: `10⁷ N² s/m²`.
+/// Finds a power of ten for values up to `largest`. Returns the divisor, and the unit with the power of ten: `10⁷ N²
+/// s/m²`.
 pub(crate) fn scaled_unit(largest: f64, unit: &str) -> (f64, String) {
     if largest <= 0.0 || !largest.is_finite() {
         return (1.0, unit.to_owned());

@@ -1,4 +1,4 @@
-//! Colours: an ordered scale for cutoffs, and an accent for the ideal cutoff.
+//! The colours of figures: an ordered scale for the cutoffs, and an accent colour for the ideal cutoff.
 
 use plotters::prelude::*;
 
@@ -9,10 +9,10 @@ pub(super) const FRAME: RGBColor = RGBColor(60, 60, 60);
 /// Vermilion of Okabe and Ito, for the ideal cutoff. With every common colour vision deficiency, a reader can
 /// distinguish this colour from the scale.
 pub(super) const ACCENT: RGBColor = RGBColor(213, 94, 0);
-/// Colour of data without a cutoff: blue of Okabe and Ito, darkened.
+/// Colour of data that does not belong to a cutoff. It is the blue of Okabe and Ito, darkened.
 pub(super) const DATA: RGBColor = RGBColor(0, 90, 150);
 
-/// Used fraction of viridis. The yellow end of viridis is too light on paper.
+/// The part of viridis that is used. The yellow end is too light on paper.
 const LAST_SHARE: f64 = 0.88;
 const LONE_SHARE: f64 = 0.3;
 

@@ -55,7 +55,7 @@ const MARGIN: f64 = 12.0;
 const GRID: f64 = 6.0;
 /// Largest number that can be plotted. Larger numbers are mistakes, and the calculation of the axes would lose digits.
 const LARGEST_VALUE: f64 = 1e15;
-/// Limit below which a number counts as 0, before a logarithm or a division.
+/// A number below this limit counts as 0 before a logarithm or a division.
 const SMALLEST_POSITIVE: f64 = 1e-15;
 
 #[derive(Debug, Clone, PartialEq)]
@@ -66,7 +66,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// A page with this height, title and subtitle. `draw` adds the rest.
+    /// Draws a page with this height, title and subtitle. `draw` adds everything else.
     fn new(
         [title, subtitle]: [&str; 2],
         height: f64,
@@ -89,7 +89,7 @@ impl Figure {
         &self.svg
     }
 
-    /// The same figure as PNG, three pixels per SVG unit.
+    /// The same figure as PNG, with three pixels for each SVG unit.
     ///
     /// # Errors
     /// The bitmap cannot be made. Data never causes this error.

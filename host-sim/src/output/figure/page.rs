@@ -15,7 +15,7 @@ use sim_bitmap::{Lettering, Shape};
 /// Ratio of the nominal font size to the font size in the SVG of plotters.
 pub(super) const NOMINAL_PER_EM: f64 = 1.24;
 
-/// The drawing area of a figure, in grid steps from its top left corner.
+/// The drawing area of a figure. Points are in grid steps from its top left corner.
 pub(super) type Page = DrawingArea<Recorder, Shift>;
 
 /// Records the shapes that plotters draws. Figures only have filled shapes, lines and texts.

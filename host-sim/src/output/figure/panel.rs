@@ -28,9 +28,9 @@ const TITLE_MIDDLE: f64 = 18.0;
 const SUBTITLE_MIDDLE: f64 = 37.5;
 const GRID_WIDTH: f64 = 0.7;
 const FRAME_WIDTH: f64 = 1.0;
-/// Distance between the line in a legend and its name.
+/// Distance between a line in a legend and the name of this line.
 pub(super) const LEGEND_GAP: f64 = 6.0;
-/// Distance from the frame to the lower edge of the title below the frame.
+/// Distance from the frame down to the lower edge of the title below it.
 pub(super) const X_TITLE_DROP: f64 = 40.0;
 
 /// The rectangle that contains the data.

@@ -1,4 +1,4 @@
-//! Voltage, measured and modelled position, and the difference of the positions: the paper's figure 4.
+//! The paper's figure 4. It shows voltage, measured and modelled position, and the difference of the two positions.
 
 use plotters::prelude::*;
 
@@ -42,21 +42,21 @@ const LEGEND_PITCH: f64 = 18.0;
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResponsePlot {
     pub title: String,
-    /// Second line: the parameters.
+    /// The second line, which has the parameters.
     pub subtitle: String,
     pub start_s: f64,
-    /// Time between rows, s.
+    /// Time from one row to the next, in s.
     pub step_s: f64,
     /// Command at each row, and the title of its axis.
     pub command: Vec<f64>,
     pub command_title: &'static str,
-    /// Measured position at each row, m.
+    /// Measured position at each row, in m.
     pub measured_m: Vec<f64>,
     /// First row of the fit.
     pub first: usize,
-    /// Modelled position from row `first` on, m.
+    /// Modelled position from row `first` on, in m.
     pub model_m: Vec<f64>,
-    /// Measured minus modelled position from row `first` on, m.
+    /// Measured minus modelled position from row `first` on, in m.
     pub residual_m: Vec<f64>,
     pub units: Units,
 }

@@ -34,16 +34,16 @@ pub struct TelemetryPoint {
     pub time: f64,
     /// Position, velocity and force, in this order.
     pub values: [f64; PANELS],
-    /// Whether records are missing before this record. If so, the line has a gap.
+    /// Whether records are missing before this record. If so, the line has a gap here.
     pub after_gap: bool,
-    /// The flags that are set: bits of `TelemetryPlot::facts`.
+    /// The flags that are set. Each flag is a bit from `TelemetryPlot::facts`.
     pub facts: u32,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct TelemetryPlot {
     pub title: String,
-    /// Second line: text that identifies the capture.
+    /// The second line: a text that identifies the capture.
     pub subtitle: String,
     /// Title of the time axis, with its unit.
     pub time_title: String,
@@ -93,7 +93,7 @@ fn draw(plot: &TelemetryPlot, page: &Page) -> Result<(), FigureError> {
     draw_facts(page, plot, [from, to])
 }
 
-/// Draws the lines of a panel over time. `top` and `height` are those of the panel.
+/// Draws the lines of a panel over time. `top` and `height` are the panel's.
 fn draw_lines(
     page: &Page,
     [from, to]: [f64; 2],
@@ -157,7 +157,7 @@ fn bar(
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReplayPlot {
     pub title: String,
-    /// Second line: text that identifies the capture.
+    /// The second line: a text that identifies the capture.
     pub subtitle: String,
     /// Title of the time axis, with its unit.
     pub time_title: String,

@@ -8,18 +8,18 @@ pub(super) use sim_bitmap::width;
 
 use super::{FigureError, Page, at, page::NOMINAL_PER_EM};
 
-/// Font families for a browser. The first is the bundled font, the second has nearly the same widths.
+/// Font families that a browser tries in order. The first is the bundled font. The second has nearly the same widths.
 pub(super) const FONT_FAMILIES: &str = "DejaVu Sans, Verdana, sans-serif";
 /// A text can shrink to this fraction of its size. A text that is still too wide is cut.
 const SMALLEST_SHARE: f64 = 0.8;
 
-/// A style of `size` units.
+/// A text style. The font size is `size` units.
 pub(super) fn style(size: f64, colour: RGBColor) -> TextStyle<'static> {
     let nominal = size * super::GRID * NOMINAL_PER_EM;
     (FONT_FAMILIES, nominal).into_font().color(&colour)
 }
 
-/// Writes a line of text. `x` is the start, middle or end of the line; `y` is the middle of its digits.
+/// Writes a line of text. `x` is the start, middle or end of the line. `y` is the middle of its digits.
 pub(super) fn write(
     page: &Page,
     text: &str,
@@ -33,8 +33,8 @@ pub(super) fn write(
     Ok(())
 }
 
-/// A text and its size for a width of at most `limit`. The text is made smaller first. A text that is still too wide is
-/// cut, with an ellipsis.
+/// Fits a text into a width of at most `limit`. Returns the text and its size. The text is first made smaller. If it is
+/// still too wide, it is cut, with an ellipsis.
 pub(super) fn fit(text: &str, size: f64, limit: f64) -> (String, f64) {
     let natural = width(text, size);
     if natural <= limit {

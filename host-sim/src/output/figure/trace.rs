@@ -1,4 +1,4 @@
-//! The trace of one wall hit: the whole hit, and its window.
+//! The trace of one wall hit. It shows the whole hit and the window.
 
 use crate::{notation::number, scene::Units};
 use plotters::{element::DashedPathElement, prelude::*, style::text_anchor::HPos};
@@ -23,7 +23,7 @@ const MOST_Y_TICKS: usize = 6;
 pub(super) const LINE_WIDTH: f64 = 0.9;
 const WALL_WIDTH: f64 = 1.2;
 const DASH: [f64; 2] = [6.0, 4.0];
-/// Opacity of a phase: behind the trace, and in the strip above the plot.
+/// Opacity of a phase. The first value is for the area behind the trace, the second for the strip above the plot.
 const SETTLE_OPACITY: [f64; 2] = [0.08, 0.2];
 const WINDOW_OPACITY: [f64; 2] = [0.08, 0.25];
 const BAND_OPACITY: f64 = 0.13;
@@ -35,17 +35,17 @@ const COLUMN_STEPS: i32 = 4;
 
 pub(super) const MM_PER_M: f64 = 1e3;
 const UM_PER_M: f64 = 1e6;
-/// Length from which on small lengths are in millimetres, not in micrometres.
+/// From this length on, small lengths are in millimetres, not in micrometres.
 const MM_FROM_M: f64 = 2e-3;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracePlot {
     pub title: String,
-    /// Second line: scene, resolution, and other facts that identify the run.
+    /// The second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
     pub units: Units,
     pub rate_hz: f64,
-    /// Position at every sample, from t = 0. The data may end before the end of the window.
+    /// Position at every sample, from t = 0. The positions may end before the end of the window.
     pub positions_m: Vec<f64>,
     pub wall_m: f64,
     /// Time from the start of the hit to the window.
@@ -58,7 +58,7 @@ pub struct TracePlot {
     pub rms_m: f64,
 }
 
-/// Draws the position over time. Below this plot, a second plot shows the window, with its mean as 0.
+/// Draws the position over time. A second plot below shows only the window. Its 0 is the mean.
 ///
 /// A long trace is reduced. Each pixel column keeps its first, lowest, highest and last sample.
 ///
@@ -153,7 +153,7 @@ pub(super) fn draw_trace(
     panel::path(page, points, colour, width)
 }
 
-/// Unit for small lengths in this range, and the number of such units in a metre.
+/// The unit for small lengths in this range, and how many of this unit are a metre.
 pub(super) fn small_unit([low_m, high_m]: [f64; 2]) -> (&'static str, f64) {
     if low_m.abs().max(high_m.abs()) >= MM_FROM_M { ("mm", MM_PER_M) } else { ("µm", UM_PER_M) }
 }
@@ -223,7 +223,7 @@ pub(super) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     }
 }
 
-/// First, lowest, highest and last point of each column. So peaks stay visible.
+/// Keeps the first, lowest, highest and last point of each column, so that peaks stay visible.
 fn reduce(points: impl Iterator<Item = (i32, i32)>) -> Vec<(i32, i32)> {
     let points: Vec<(i32, i32)> = points.collect();
     let columns = points.chunk_by(|a, b| a.0 / COLUMN_STEPS == b.0 / COLUMN_STEPS);
@@ -276,7 +276,7 @@ mod tests {
         }
     }
 
-    /// Positions that alternate by ±2 µm about 0.0702 m from 0.3 s on.
+    /// Positions that alternate by ±2 µm about 0.0702 m. They begin at 0.3 s.
     fn contact() -> Vec<f64> {
         (0..60_000_u32)
             .map(|n| match n {

@@ -1,4 +1,4 @@
-//! Figures of a trade: an error over the cost or over the cutoff, with logarithmic axes.
+//! Figures of a trade. They show an error over the cost, or over the cutoff, with logarithmic axes.
 
 use plotters::{prelude::*, style::text_anchor::HPos};
 
@@ -12,7 +12,8 @@ use super::{
 
 const TOP: f64 = 78.0;
 const LEFT: f64 = 58.0;
-/// Space between panels: sideways for the labels of the right panel, downwards for labels and title of the upper one.
+/// Space between panels. Sideways it has the labels of the right panel. Downwards it has the labels and the title of
+/// the upper panel.
 const GAP: [f64; 2] = [50.0, 46.0];
 const PANEL_HEIGHT: f64 = 190.0;
 const BOTTOM: f64 = 52.0;
@@ -24,7 +25,7 @@ const LEGEND_SWATCH: f64 = 18.0;
 const LINE_WIDTH: f64 = 1.4;
 const GRID_WIDTH: f64 = 0.7;
 const MARK: f64 = 3.4;
-/// Space between the frame and the ends of an axis, as a fraction of its length.
+/// Space between the frame and the ends of an axis, as a fraction of the axis.
 const PAD: f64 = 0.025;
 const MOST_TICKS: i32 = 6;
 const LIMIT: RGBColor = TEXT;
@@ -60,7 +61,7 @@ pub struct TradeSeries {
     /// Index in the palette.
     pub colour: usize,
     pub mark: Mark,
-    /// Points of each panel, x and y. A y of 0 is drawn at the lower edge, an infinite y on the frame.
+    /// The points in each panel, as x and y. A y of 0 is drawn at the lower edge, an infinite y on the frame.
     pub points: Vec<Vec<[f64; 2]>>,
 }
 
@@ -136,7 +137,7 @@ struct Decades {
 }
 
 impl Decades {
-    /// The decades of these values. `floor` must be a power of ten, or so small that it has no effect.
+    /// The decades that contain these values. `floor` must be a power of ten, or so small that it has no effect.
     fn around(values: impl Iterator<Item = f64>, floor: f64) -> Self {
         let (low, high) = values
             .filter(|value| value.is_finite())
@@ -150,7 +151,7 @@ impl Decades {
         Self { low, high: high.max(low + 1) }
     }
 
-    /// Position of a value on the axis, 0 to 1.
+    /// Position of a value on the axis, from 0 to 1.
     fn place(self, value: f64) -> f64 {
         let (low, high) = (f64::from(self.low), f64::from(self.high));
         ((value.max(f64::MIN_POSITIVE).log10() - low) / (high - low)).clamp(0.0, 1.0)
@@ -162,7 +163,7 @@ impl Decades {
     }
 }
 
-/// A power of ten as text: a plain number from 0.1 to 1000, else in the form `10⁻³`.
+/// A power of ten as text. From 0.1 to 1000 it is a plain number, otherwise it has the form `10⁻³`.
 fn decade(exponent: i32) -> String {
     match exponent {
         -1 => "0.1".into(),

@@ -17,11 +17,11 @@ const LEFT: f64 = 64.0;
 const TOP: f64 = 58.0;
 const BOTTOM: f64 = HEIGHT - 50.0;
 const MOST_TICKS: usize = 9;
-/// Space between the frame and the highest peak, relative to the peak. The space includes the halo of the ideal curve.
+/// The axis reaches at least this factor of the highest peak. The space above the peak is for the halo of the ideal curve.
 const HEADROOM: f64 = 1.02;
-/// Stiffness from which on the axis is in kN/m.
+/// From this stiffness on, the axis is in kN/m.
 const KILO_FROM_N_PER_M: f64 = 2e3;
-/// Stiffness from which on the axis is in MN/m.
+/// From this stiffness on, the axis is in MN/m.
 const MEGA_FROM_N_PER_M: f64 = 2e6;
 
 const CURVE_WIDTH: f64 = 1.4;
@@ -29,9 +29,9 @@ const IDEAL_WIDTH: f64 = 2.4;
 const IDEAL_HALO: f64 = 4.0;
 const DOT_RADIUS: f64 = 1.9;
 const IDEAL_DOT_RADIUS: f64 = 2.6;
-/// Smallest mean distance between a curve's points at which the curve is drawn with dots.
+/// A curve is drawn with dots if the mean distance between its points is at least this.
 const DOT_SPACING: f64 = 4.0;
-/// Number of curves from which on dots are smaller, by [`CROWD_SHARE`].
+/// From this number of curves on, dots are smaller, by the factor [`CROWD_SHARE`].
 const CROWD: usize = 16;
 const CROWD_SHARE: f64 = 0.7;
 
@@ -48,13 +48,13 @@ const NOTE_DROP: f64 = 33.0;
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZwidthPlot {
     pub title: String,
-    /// Second line: scene, resolution, and other facts that identify the run.
+    /// The second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
     pub units: Units,
     pub legend: String,
-    /// Word that the legend adds to the ideal curve: `ideal`.
+    /// The word that the legend adds to the ideal curve, for example `ideal`.
     pub marked: &'static str,
-    /// The boundaries. The order of the boundaries determines the colours.
+    /// The boundaries. Their order determines their colours.
     pub curves: Vec<Curve>,
 }
 
@@ -65,12 +65,12 @@ pub struct Curve {
     pub detail: String,
     /// Whether the curve is drawn last, in the accent colour.
     pub ideal: bool,
-    /// The boundary in the order of the walk; empty if no wall was stable.
+    /// The boundary, in the order of the walk. It is empty if no wall was stable.
     pub points: Vec<BoundaryPoint>,
 }
 
 impl Curve {
-    /// Title of the legend if curves are named by their cutoffs.
+    /// Title of the legend if the curves are named after their cutoffs.
     pub const CUTOFF_LEGEND: &str = "Cutoff [Hz]";
 
     /// The boundary of one nominal cutoff. The filter's gain is -3 dB at `true_cutoff_hz`.
@@ -86,7 +86,7 @@ impl Curve {
     }
 }
 
-/// Draws stiffness over damping, both from 0, and a legend of the curves.
+/// Draws stiffness over damping, and a legend of the curves. Both axes start at 0.
 ///
 /// With more than 34 curves, the legend only names every second, third, .. curve. The legend always names the ideal
 /// curve.
@@ -148,7 +148,7 @@ fn draw(plot: &ZwidthPlot, page: &Page) -> Result<(), FigureError> {
     legend.draw(page, panel.right + LEGEND_GAP)
 }
 
-/// Largest damping and largest stiffness. Each number is at least 1, so that its axis has a length.
+/// Largest damping and largest stiffness of all curves. Each is at least 1, so that its axis has a length.
 fn largest(plot: &ZwidthPlot) -> Result<[f64; 2], FigureError> {
     let mut largest = [0.0_f64; 2];
     for curve in &plot.curves {

@@ -40,7 +40,7 @@ fn write(table: &Table, times: &[u64], about: &About) -> ::mcap::McapResult<Vec<
     Ok(file.into_inner().into_inner())
 }
 
-/// Time of each row, ns since sample 0.
+/// Time of each row, in ns since sample 0.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

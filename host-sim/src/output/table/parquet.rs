@@ -12,7 +12,8 @@ use ::parquet::{
 
 use super::{Cells, Column, Table};
 
-/// Key of the pair with the units: JSON of the columns with their units. `MANIFEST` is the key of the manifest.
+/// Key of the pair whose value is the units: the columns with their units, as JSON. `MANIFEST` is the key of the
+/// manifest.
 const UNITS: &str = "zwidth.units";
 const MANIFEST: &str = "zwidth.manifest";
 
@@ -67,7 +68,8 @@ fn field(column: &Column) -> Result<Type, ParquetError> {
         .build()
 }
 
-/// The values that are not null, and for each cell whether the cell has a value (the definition level).
+/// Separates the values that are not null. For each cell, the second list says whether the cell has a value (the
+/// definition level).
 fn split<T, V>(cells: &[Option<T>], value: impl Fn(&T) -> V) -> (Vec<V>, Vec<i16>) {
     let there = cells.iter().map(|cell| i16::from(cell.is_some())).collect();
     (cells.iter().flatten().map(value).collect(), there)

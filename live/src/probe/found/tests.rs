@@ -1,4 +1,4 @@
-//! Tests with lists of simulated probes, and with the simulated probe of probe-rs.
+//! Tests the search with lists of simulated probes, and the attaching with the simulated probe of probe-rs.
 
 use std::fmt;
 

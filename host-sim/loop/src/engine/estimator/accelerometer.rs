@@ -1,5 +1,5 @@
-//! The scene's accelerometer in lanes: [`Sensor::read`] over vectors. Every hit has the same noise, so a lane looks up
-//! the noise by sample number.
+//! The scene's accelerometer in lanes: [`Sensor::read`] over vectors. All hits have the same noise sequence, so a lane
+//! looks up the noise by sample number.
 
 use std::sync::Arc;
 
@@ -16,19 +16,19 @@ use crate::{
 pub struct Accelerometer<S: SimdOps> {
     pub scale: Scale<S>,
     pub sensed: Sensed<S>,
-    /// Noise of the next readings, counts per sample^2.
+    /// Noise of the next readings, in counts per sample^2.
     pub drawn: [S::f64s; ROWS],
     noise: Arc<[f64]>,
-    /// Number of the next sample of each lane's hit.
+    /// Number of the next sample in each lane's hit.
     sample: S::u64s,
 }
 
 /// State of the sensors after a reading.
 #[derive(Clone, Copy)]
 pub struct Sensed<S: SimdOps> {
-    /// Speed at the last sample, counts per sample.
+    /// Speed at the last sample, in counts per sample.
     speed: S::f64s,
-    /// Output of the low-pass, counts per sample^2.
+    /// Output of the sensor's low-pass, in counts per sample^2.
     filtered: S::f64s,
 }
 
@@ -39,7 +39,7 @@ pub struct Scale<S: SimdOps> {
     follows: S::f64s,
     bias: S::f64s,
     full_scale: S::f64s,
-    /// Step of a reading. `None` without quantisation.
+    /// Smallest step between two readings. `None` if the sensor does not quantise.
     resolution: Option<S::f64s>,
 }
 
@@ -52,7 +52,7 @@ impl<S: SimdOps> Accelerometer<S> {
         Self { scale, sensed: Sensed { speed: zero, filtered: zero }, drawn, noise, sample }
     }
 
-    /// Puts a sensor into a lane. The sensor has not been read yet.
+    /// Puts a sensor into a lane. The lane starts as if the sensor has not been read yet.
     pub fn start(&mut self, simd: S, lane: usize, readings: &Readings) {
         let Readings { sensor, speed, ref noise } = *readings;
         let splat = |value: f64| simd.splat_f64s(value);
@@ -86,7 +86,7 @@ impl<S: SimdOps> Accelerometer<S> {
 }
 
 impl<S: SimdOps> Sensed<S> {
-    /// Acceleration that the core's observer gets at a sample. `speed` is the handle's speed, m/s.
+    /// The acceleration that the core's observer gets at this sample. `speed` is the handle's speed in m/s.
     #[inline(always)]
     pub fn read(&mut self, simd: S, scale: &Scale<S>, speed: S::f64s, noise: S::f64s) -> S::u64s {
         const LIMIT: f64 = Acceleration::LIMIT as f64 * Sensor::LSB;
@@ -97,7 +97,7 @@ impl<S: SimdOps> Sensed<S> {
         simd.to_integer(simd.mul_f64s(bits, simd.splat_f64s(MORE)))
     }
 
-    /// [`Sensor::shown`] over vectors, counts per sample^2.
+    /// [`Sensor::shown`] over vectors. The result is in counts per sample^2.
     #[inline(always)]
     fn shown(&mut self, simd: S, scale: &Scale<S>, speed: S::f64s, noise: S::f64s) -> S::f64s {
         let last = std::mem::replace(&mut self.speed, simd.mul_f64s(speed, scale.speed));

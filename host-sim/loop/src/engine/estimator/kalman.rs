@@ -24,7 +24,7 @@ pub struct Kalman<S: SimdOps> {
 
 /// Limit of position and velocity. Below this limit, the prediction can be multiplied even after a jump of 2^14 counts.
 const LIMIT: u64 = 1 << (FACTOR_BITS - 2);
-/// Limit of the acceleration, which has 12 more fractional bits.
+/// Limit of the acceleration. The acceleration has 12 more fractional bits than position and velocity.
 const ACCELERATION_LIMIT: u64 = 1 << 58;
 
 impl<S: SimdOps> Recursive<S> for Kalman<S> {

@@ -1,4 +1,4 @@
-//! [`Levant`](zwidth::velocity::Levant) in lanes. The states must be far inside their ranges.
+//! [`Levant`](zwidth::velocity::Levant) in lanes. The lanes are exact only if the states are far inside their ranges.
 
 use pulp::bytemuck::cast;
 use zwidth::velocity::{Estimator, Word as _};
@@ -29,7 +29,7 @@ pub struct Levant<S: SimdOps, const IMPLICIT: bool> {
 
 /// Limit of the position, 2^14 counts, and of the velocity, 2^14 counts per sample.
 const LIMIT: u64 = 1 << (FACTOR_BITS - 2);
-/// Fractional bits of the velocity state, minus fractional bits of the output.
+/// The velocity state has this many fractional bits more than the output.
 const DROPPED: u32 = 16;
 
 impl<S: SimdOps, const IMPLICIT: bool> Recursive<S> for Levant<S, IMPLICIT> {

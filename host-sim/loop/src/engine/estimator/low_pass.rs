@@ -10,8 +10,8 @@ use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 const RESIDUE: u64 = (1 << 30) - 1;
 /// Half an LSB of the output.
 const HALF: u64 = 1 << 29;
-/// Limit of the filter's sums. The limit corresponds to half of the largest velocity. The core itself runs hits with
-/// larger sums.
+/// Limit of the filter's sums, which corresponds to half of the largest velocity. The core itself runs hits with larger
+/// sums.
 const SUM_LIMIT: u64 = 1 << 60;
 
 #[derive(Clone, Copy)]
@@ -37,9 +37,9 @@ impl<S: SimdOps> Coefficients<S> {
 /// State of each lane after a sample. The upper half of a lane is undefined if its number has 32 bits.
 #[derive(Clone, Copy)]
 pub struct LowPass<S: SimdOps> {
-    /// Past inputs, 32 bits. The unit is counts, or LSB if the input comes from another filter.
+    /// Past inputs, in 32 bits. The unit is counts, or LSB of the velocity if the input comes from another filter.
     x: [S::u64s; 2],
-    /// Past velocities, 32 bits.
+    /// Past velocities, in 32 bits.
     y: [S::u64s; 2],
     /// Lower bits of the past sums (residues), plus [`HALF`].
     residue: [S::u64s; 2],
@@ -80,7 +80,7 @@ impl<S: SimdOps> Recursive<S> for LowPass<S> {
 }
 
 impl<S: SimdOps> LowPass<S> {
-    /// The output, LSB. The input is in the lower 32 bits, in counts or LSB.
+    /// The output in LSB. The input is in the lower 32 bits; its unit is counts if `COUNTS` is set, else LSB.
     #[inline(always)]
     fn pass<const COUNTS: bool>(
         &mut self,

@@ -15,7 +15,7 @@ pub struct Mean<S: SimdOps> {
     /// Ring of the positions at the last samples.
     places: Vec<S::f64s>,
     newest: usize,
-    /// Length of each lane's window: number of samples from the oldest to the newest position.
+    /// Length of each lane's window: the number of samples from the oldest position to the newest.
     samples: Vec<usize>,
     /// The core's factor in two parts: the upper bits, and the last [`LAST`] bits.
     factor: [S::u64s; 2],
@@ -77,7 +77,8 @@ impl<S: SimdOps> VectorForm<S> for Mean<S> {
     }
 }
 
-/// Change of the count over each lane's window. In `places` the lanes of one sample are side by side.
+/// The change of the count over each lane's window. In `places`, the positions of all lanes at one sample are side by
+/// side.
 fn moved_by(lanes: &[usize], counts: &mut [f64], places: &[f64], newest: usize) {
     for (lane, (samples, counts)) in lanes.iter().zip(counts).enumerate() {
         let at = |age: usize| places[(newest + LENGTH - age) % LENGTH * lanes.len() + lane];

@@ -75,10 +75,10 @@ impl Form {
     }
 }
 
-/// Inputs of an estimator beside the counts. All hits of a scene have the same inputs.
+/// The inputs that an estimator gets in addition to the counts. All hits of a scene have the same inputs.
 #[derive(Clone, Copy)]
 pub struct Beside<'a> {
-    /// Samples from the grant of a force until the estimator gets this force.
+    /// Number of samples between the grant of a force and the sample at which the estimator gets this force.
     pub late: usize,
     pub readings: Option<&'a Readings>,
 }
@@ -97,13 +97,14 @@ pub trait VectorForm<S: SimdOps>: Sized {
         estimator: &Estimator,
         beside: Beside<'_>,
     );
-    /// Whether the estimator reads the handle's speed.
+    /// Whether the estimator uses the handle's speed, as an accelerometer does.
     const LOOKS: bool = false;
-    /// Takes the handle's speeds, m/s, at the next samples.
+    /// Takes the handle's speeds at the next samples, in m/s.
     #[inline(always)]
     fn look<const R: usize>(_: &mut [Self; R], _: S, _: &[Row<S, R>]) {}
     /// Updates the estimators. `moved` is the change of the count per sample. If an output is `due`, `velocity` becomes
-    /// the velocity at the last sample, LSB, in the lower 32 bits. If no output is due, `velocity` is undefined.
+    /// the velocity at the last sample. This velocity is in LSB, in the lower 32 bits. If no output is due, `velocity`
+    /// is undefined.
     fn take<const R: usize>(
         forms: &mut [Self; R],
         simd: S,
@@ -112,7 +113,7 @@ pub trait VectorForm<S: SimdOps>: Sized {
         due: bool,
         velocity: &mut [S::u64s; R],
     );
-    /// Takes the forces that were granted with the last sample, LSB.
+    /// Takes the forces that were granted with the last sample, in LSB.
     #[inline(always)]
     fn granted(&mut self, _: S, _: &Self::Gains, _: S::u64s) {}
     /// Whether the hit has left the range in which lane and estimator compute the same values.

@@ -35,11 +35,12 @@ struct Observed<S: SimdOps> {
     seen: S::u64s,
 }
 
-/// Observer with force input. The granted force gives the known part of the acceleration.
+/// Observer with force input. The granted force determines the known part of the acceleration.
 pub struct Observer<S: SimdOps> {
     observed: Observed<S>,
     granted: S::u64s,
-    /// Granted forces that the observer has not received yet, one per sample. Only used with a known latency.
+    /// Granted forces that the observer has not received yet, one per sample. The ring is only used if the actuator's
+    /// latency is known.
     ring: [S::u64s; LATENCY_KNOWN_MAX as usize],
     /// Number of used entries of the ring. With 0, the observer gets a force at once.
     late: usize,
@@ -54,11 +55,11 @@ pub struct Fusion<S: SimdOps> {
     known: [S::u64s; ROWS],
 }
 
-/// Limit of `x - x^` and of the known acceleration: 2^12 counts. After a jump of 2^14 counts, `x - x^` is still below
-/// 2^15 counts, which is the number 2^47.
+/// Limit of the known acceleration, and of `x - x^` (measured minus estimated position): 2^12 counts. After a jump of
+/// 2^14 counts, `x - x^` is still below 2^15 counts. As a number with 32 fractional bits, 2^15 counts is 2^47.
 const LIMIT: u64 = 1 << 44;
-/// Fractional bits of the velocity and of the disturbance, each minus those of the position. Velocity and disturbance
-/// are below 2^12 counts per sample.
+/// Velocity and disturbance have this many fractional bits more than the position. Both are below 2^12 counts per
+/// sample.
 const MORE: [u32; 2] = [12, 16];
 
 impl<S: SimdOps> Observed<S> {
@@ -96,7 +97,7 @@ impl<S: SimdOps> Observed<S> {
         }
     }
 
-    /// The velocity, LSB, after a change of the count by `moved`.
+    /// The velocity in LSB, after the count has changed by `moved`.
     #[inline(always)]
     fn step(&mut self, simd: S, gains: &Gains<S>, moved: S::f64s, known: S::u64s) -> S::u64s {
         let moved = Vector { simd, bits: simd.to_low(moved) };

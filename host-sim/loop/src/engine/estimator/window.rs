@@ -1,4 +1,4 @@
-//! Estimators whose only state is the last differences. A velocity is computed only when an output is due.
+//! Estimators that store nothing but the last differences. A velocity is computed only when an output is due.
 //!
 //! Counts, weights and their products are whole numbers far below 2^53, so they are exact in `f64` lanes.
 
@@ -13,9 +13,9 @@ use crate::engine::{
     simd_ops::{SimdOps, lanes_mut},
 };
 
-/// The last differences of the counts in a vector, and the estimator that uses them.
+/// The last differences of the counts in one vector, and the estimator that uses them.
 pub struct Window<S: SimdOps, K> {
-    /// Differences, counts. The newest difference is just before `end`. Entries from `end` on are old.
+    /// Past differences in counts. The newest difference is just before `end`. Entries from `end` on are old.
     past: Vec<S::f64s>,
     end: usize,
     kind: K,
@@ -25,12 +25,12 @@ const LENGTH: usize = WINDOW_MAX as usize;
 /// Number of entries. When all entries are used, the last differences are copied back to the beginning.
 const ROOM: usize = 4 * LENGTH;
 
-/// Calculation of a velocity from the window.
+/// How an estimator computes a velocity from the window.
 pub trait Kind<S: SimdOps>: Sized {
     /// State before any lane has an estimator.
     fn none(simd: S) -> Self;
     fn set(&mut self, simd: S, lane: usize, estimator: &Estimator);
-    /// The velocity, a whole number of LSB. The newest difference is the last of `past`.
+    /// The velocity, as a whole number of LSB. The newest difference is the last entry of `past`.
     fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s;
 }
 
@@ -85,7 +85,7 @@ impl<S: SimdOps, K: Kind<S>> VectorForm<S> for Window<S, K> {
 struct Lengths(Vec<usize>);
 
 impl Lengths {
-    /// Sets the window length of a lane. Returns the longest length of all lanes.
+    /// Sets the window length of a lane. Returns the longest window length of all lanes.
     fn set(&mut self, lane: usize, length: usize) -> usize {
         if self.0.len() <= lane {
             self.0.resize(lane + 1, 0);
@@ -95,7 +95,8 @@ impl Lengths {
     }
 }
 
-/// [`Fir`](zwidth::velocity::Fir) in lanes. The weights of shorter windows are filled up with zeros.
+/// [`Fir`](zwidth::velocity::Fir) in lanes. If a lane's window is shorter than the longest window, its weights are
+/// filled up with zeros.
 pub struct Sum<S: SimdOps> {
     weights: Vec<S::f64s>,
     lengths: Lengths,
@@ -132,7 +133,7 @@ impl<S: SimdOps> Kind<S> for Sum<S> {
 /// [`Foaw`] in lanes. All lanes try one window length at a time, until every lane has found its longest window.
 pub struct Adaptive<S: SimdOps, const BEST: bool> {
     noise: S::f64s,
-    /// Longest window of each lane, samples.
+    /// Length of each lane's longest window, in samples.
     window: S::f64s,
     lengths: Lengths,
     longest: usize,

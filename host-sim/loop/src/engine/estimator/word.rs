@@ -9,8 +9,8 @@ use zwidth::{
 
 use crate::engine::simd_ops::{SimdOps, lanes_mut};
 
-/// A vector of signed 64-bit numbers. Its clamp functions do nothing. The caller must detect two cases: numbers near
-/// the limits of the core, and numbers of 2^[`FACTOR_BITS`] or more that are multiplied.
+/// A vector of signed 64-bit numbers. Its clamp functions do nothing, so the caller must detect two cases: a number
+/// comes near the limits of the core, or a number of 2^[`FACTOR_BITS`] or more is multiplied.
 #[derive(Clone, Copy)]
 pub struct Vector<S: SimdOps> {
     pub simd: S,
@@ -44,8 +44,8 @@ impl<S: SimdOps> LaneGain<S> {
     }
 }
 
-/// A [`Factor`] for each lane of a vector. A mantissa has 32 bits and no sign, so a number must be positive for the
-/// product. Therefore `PLUS` is added to the number before the product. Mantissa times `PLUS` is subtracted from the
+/// A [`Factor`] for each lane of a vector. A mantissa has 32 bits and no sign, so the number that it multiplies must be
+/// positive. Therefore `PLUS` is added to the number first, and `PLUS` times the mantissa is subtracted from the
 /// product.
 #[derive(Clone, Copy)]
 pub struct LaneFactor<S: SimdOps> {
@@ -63,7 +63,7 @@ impl<S: SimdOps> LaneFactor<S> {
         Self { mantissa: zero, shift: zero, less: zero }
     }
 
-    /// Puts a factor into a lane, for products with `bits` more fractional bits. Returns `false` if the product of
+    /// Puts a factor into a lane. Its products have `bits` more fractional bits. Returns `false` if the product of
     /// factor and `PLUS` is not a whole number. Then the factor cannot be used in lanes.
     pub fn set(&mut self, place: usize, factor: Factor, bits: u8) -> bool {
         // the product is mantissa * number * 2^LEFT / 2^32; the shift corrects for LEFT and 32
@@ -78,10 +78,10 @@ impl<S: SimdOps> LaneFactor<S> {
     }
 }
 
-/// Numbers are shifted left by this many bits before a product. After this shift, the product's bits below 2^32 only
-/// affect rounding.
+/// Numbers are shifted left by this many bits before they are multiplied. After this shift, the product's bits below
+/// 2^32 only affect rounding.
 const LEFT: u32 = 15;
-/// Number of bits of a number that may be multiplied: the magnitude must be below 2^48.
+/// A number may have this many bits before it is multiplied: its magnitude must be below 2^48.
 pub const FACTOR_BITS: u32 = 63 - LEFT;
 
 impl<S: SimdOps> Vector<S> {

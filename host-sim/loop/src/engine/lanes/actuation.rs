@@ -6,11 +6,11 @@ use crate::engine::simd_ops::SimdOps;
 /// Commands that have not taken effect yet, and the time since the last output. This time is the same for all lanes.
 pub struct Actuation<S: SimdOps, const R: usize> {
     pub period: u32,
-    /// Number of samples from an output to the sample in which a command takes effect, modulo `period`.
+    /// Number of samples from an output to the sample in which its command takes effect, modulo `period`.
     pub arrival: u32,
-    /// Samples since the last output was due. The phases `period` and 0 have the same meaning.
+    /// Number of samples since the last output was due. The phases `period` and 0 have the same meaning.
     pub phase: u32,
-    /// Ring of commands that have not taken effect yet, N.
+    /// Ring of the commands that have not taken effect yet, in N.
     pub commands_n: Vec<Row<S, R>>,
     pub newest: usize,
 }

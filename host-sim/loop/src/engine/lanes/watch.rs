@@ -1,5 +1,5 @@
-//! Measures of the lanes beside the counts: motion, and outputs at the actuator's limit. The operations have the same
-//! order as in [`Watch`](crate::simulation::window::Watch).
+//! What lanes measure in addition to the counts: motion, and outputs at the actuator's limit. The operations have the
+//! same order as in [`Watch`](crate::simulation::window::Watch).
 
 use super::{Aligned, Chunk, Row, each_field};
 use crate::{
@@ -44,7 +44,7 @@ impl<S: SimdOps> Watched<S> {
     }
 }
 
-/// The last positions of all lanes, m. As many positions are stored as a window has samples.
+/// The last positions of all lanes in m. The ring stores as many positions as a window has samples.
 pub struct Motion<S: SimdOps, const R: usize> {
     rows: Vec<Row<S, R>>,
     /// Index of the oldest positions. The next positions replace them.
@@ -57,7 +57,7 @@ impl<S: SimdOps, const R: usize> Motion<S, R> {
         Self { rows: vec![row; window as usize], next: 0 }
     }
 
-    /// Positions of a lane in its last window, oldest first.
+    /// The positions of a lane in its last window, oldest first.
     pub fn lane(&self, vector: usize, place: usize) -> Vec<f64> {
         let (late, early) = self.rows.split_at(self.next);
         let get = |row: &Row<S, R>| lanes::<_, f64>(&row.0[vector])[place];

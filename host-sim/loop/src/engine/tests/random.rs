@@ -68,12 +68,12 @@ fn scenes() -> impl Strategy<Value = Scene> {
 /// An accelerometer. Each part of the sensor may be present or absent.
 #[derive(Clone, Copy, Debug)]
 struct Sensor {
-    /// 0: nearly no range; 1: the core's range.
+    /// Range of the sensor, from 0 (nearly no range) to 1 (the core's range).
     full_scale: f64,
-    /// Resolution as a power of ten, relative to full scale.
+    /// Resolution, as an exponent of ten relative to full scale.
     resolution: Option<f64>,
     noise: Option<f64>,
-    /// Reading at rest, relative to full scale.
+    /// Reading at rest, as a fraction of full scale.
     bias: f64,
     /// Whether the bias is half a step. Then a reading at rest is exactly between two steps.
     tie: bool,
@@ -115,7 +115,8 @@ impl Sensor {
     }
 }
 
-/// Settings of an estimator. `tuning`, 0 to 1, selects a value in the range of its tuning parameter.
+/// Settings of an estimator. `tuning` is a number from 0 to 1. It selects a value in the range of the estimator's
+/// tuning parameter.
 pub(super) fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
     let settings = name.defaults();
     let (rate_hz, noise_m) = (scene.control.rate_hz, scene.encoder.resolution_m / 12f64.sqrt());
@@ -187,7 +188,7 @@ fn walls() -> impl Strategy<Value = Vec<WallHit>> {
     prop::collection::vec(wall, 1..20)
 }
 
-/// Maps cutoffs from 0 .. 1 to 4e-5 .. `highest` times the scene's rate.
+/// Maps cutoffs from 0 .. 1 to the range from 4e-5 to `highest`, times the scene's rate.
 fn spread(hits: &mut [WallHit], scene: &Scene, highest: f64) {
     for hit in hits {
         let place = hit.velocity.cutoff_hz().unwrap();

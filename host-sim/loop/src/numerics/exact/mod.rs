@@ -18,25 +18,26 @@ use nalgebra::{SMatrix, SVector};
 /// Largest `|pole| dt` for which [`oscillator_step`] sums the power series. Up to this limit, cancellation between
 /// terms loses at most one digit. For short steps the closed forms would lose as many digits as `1 - phi11` loses.
 const SERIES_LIMIT: f64 = 1.0;
-/// Terms of the series. With both poles inside |z| <= 1, |h_n| <= n + 1. The remainder is below 22 / 22! = 2e-20.
+/// Number of terms of the series. If both poles are inside |z| <= 1, |h_n| <= n + 1. The remainder is then below 22 /
+/// 22! = 2e-20.
 const SERIES_TERMS: u32 = 21;
-/// Limit of slow pole times dt. Below the limit, gamma1 is a divided difference. The fast pole times dt is then above
-/// 0.75, so the difference keeps its digits. From the limit on, gamma1 is `(1 - phi11) / w^2`, and `1 - phi11` is at
-/// least 0.06.
+/// Limit of the slow pole times dt, which selects the formula for gamma1. Below the limit, gamma1 is a divided
+/// difference. The fast pole times dt is then above 0.75, so the difference keeps its digits. From the limit on, gamma1
+/// is `(1 - phi11) / w^2`. There `1 - phi11` is at least 0.06.
 const SLOW_POLE_LIMIT: f64 = 0.25;
 
 /// Increment of one step: `phi - 1` and `gamma`. For a short step phi is near 1, and only the small difference contains
 /// the dynamics. Frequency responses near zero frequency need all digits of this difference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Increment {
-    /// `phi - 1`, rows x and v.
+    /// `phi - 1`. The rows are x and v.
     pub phi_minus_one: [[f64; 2]; 2],
-    /// Response to a unit acceleration, (m, m/s) per m/s^2.
+    /// Response to a unit acceleration, in (m, m/s) per m/s^2.
     pub gamma: [f64; 2],
 }
 
-/// One exact step of `x'' = u - stiffness_per_mass x - damping_per_mass x'`: phi, and the response gamma to a unit
-/// acceleration u. The state is (x, v). u is constant over `dt`.
+/// One exact step of `x'' = u - stiffness_per_mass x - damping_per_mass x'`. The state is (x, v), and the acceleration
+/// u is constant over `dt`. Returns phi, and the response gamma to a unit acceleration.
 ///
 /// Units: the arguments are in 1/s^2, 1/s and s; gamma is in s^2 and s. For a force F on a mass m, `u = F / m`. All
 /// arguments must be finite and not negative; dt may be 0. No digits are lost in any of these cases: undamped over
@@ -57,7 +58,7 @@ pub fn oscillator_increment(stiffness_per_mass: f64, damping_per_mass: f64, dt: 
     Increment { phi_minus_one, gamma }
 }
 
-/// phi, gamma and `phi - 1`. With the poles l1, l2 and E(l) = exp(l dt):
+/// Computes phi, gamma and `phi - 1`. With the poles l1, l2 and E(l) = exp(l dt):
 /// `phi12 = (E(l1) - E(l2)) / (l1 - l2)`, `gamma = (integral of phi12, phi12)`.
 fn solve(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) {
     let half = 0.5 * d;
@@ -128,8 +129,8 @@ fn series(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) 
 
 /// Norm of `A h` at which [`discretise`] stops halving dt.
 const TAYLOR_LIMIT: f64 = 0.5;
-/// Terms of the series in [`discretise`]. With |A h| <= 1/2 the remainder is below 0.5^19 / 20! = 8e-25. The norm does
-/// not include a chain of integrators. The series of a chain of integrators is finite: it has N terms.
+/// Number of terms of the series in [`discretise`]. If |A h| <= 1/2, the remainder is below 0.5^19 / 20! = 8e-25. The
+/// norm does not include a chain of integrators, because its series is finite: it has N terms.
 const TAYLOR_TERMS: u32 = 19;
 
 /// One exact step of `z' = A z + b u` over `dt` seconds, with constant u. Returns (phi, gamma).
@@ -181,9 +182,9 @@ pub fn discretise_increment<const N: usize>(
     (less, gamma * dt)
 }
 
-/// Number of halvings of dt until `|A h|` is at most [`TAYLOR_LIMIT`], in the units that balance A best. In these units
-/// the largest entry of A is the largest cycle mean (a theorem of max-plus algebra). The norm of A is at most N times
-/// the largest entry.
+/// How often dt must be halved until `|A h|` is at most [`TAYLOR_LIMIT`], in the units that balance A best. In these
+/// units the largest entry of A is the largest cycle mean (a theorem of max-plus algebra). The norm of A is at most N
+/// times the largest entry.
 fn halvings<const N: usize>(a: &SMatrix<f64, N, N>, dt: f64) -> i32 {
     let mut walks = a.abs(); // largest product of entries along `length` steps between two states
     let mut cycle = walks.diagonal().max();

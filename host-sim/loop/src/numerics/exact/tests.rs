@@ -4,9 +4,10 @@ use super::*;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 const GOLDEN: &str = include_str!("../../../../../tests/golden/plant_step.csv");
-/// Tolerance. The rounding of the inputs b/m and k/m alone changes phi by about 1e-16 |A| T. The rest is margin.
+/// Tolerance of phi and gamma. The rounding of the inputs b/m and k/m alone changes phi by about 1e-16 |A| T. The rest
+/// is margin.
 const GOLDEN_TOLERANCE: f64 = 1e-12;
-/// Tolerance of the closed forms: a few rounding errors.
+/// Tolerance of the closed forms. It allows a few rounding errors.
 const CLOSED_FORM_TOLERANCE: f64 = 4e-15;
 
 struct Row {
@@ -25,7 +26,8 @@ fn golden() -> Vec<Row> {
         .map(|line| {
             let v: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
             let (mass, phi) = (v[0], [[v[4], v[5]], [v[6], v[7]]]);
-            // The gamma of the table is per force, the gamma of the step per acceleration.
+            // the gamma of the table is the response to a force, the gamma of the step is the response to an
+            // acceleration
             let gamma = [v[8] * mass, v[9] * mass];
             Row { mass, damping: v[1], stiffness: v[2], dt: v[3], phi, gamma }
         })
@@ -34,7 +36,7 @@ fn golden() -> Vec<Row> {
     rows
 }
 
-/// Largest error in the energy norm, relative to max(1, |A| T). x is scaled by w, or by 1/T without a spring.
+/// Largest error in the energy norm, relative to max(1, |A| T). x is scaled by w. Without a spring, x is scaled by 1/T.
 fn error(row: &Row, phi: [[f64; 2]; 2], gamma: [f64; 2]) -> f64 {
     let w = (row.stiffness / row.mass).sqrt();
     let scale = if w > 0.0 { w } else { 1.0 / row.dt };
@@ -181,7 +183,7 @@ fn steps_compose() {
     }
 }
 
-/// Mass, spring, damper and an amplifier pole: (x, v, force).
+/// A mass with spring, damper and an amplifier pole. The state is (x, v, force).
 fn amplified(w2: f64, d: f64, pole: f64) -> (Matrix3<f64>, Vector3<f64>) {
     (Matrix3::new(0.0, 1.0, 0.0, -w2, -d, 1.0, 0.0, 0.0, -pole), Vector3::new(0.0, 0.0, pole))
 }
@@ -219,7 +221,8 @@ fn general_step_is_the_limit_of_many_small_ones() {
 
 #[test]
 fn fast_amplifier_tends_to_the_plain_oscillator() {
-    // Half the lag of the amplifier gives half the loss of velocity. So the error is of first order, as in theory.
+    // If the lag of the amplifier is halved, the loss of velocity is halved too. So the error is of first order, as in
+    // theory.
     let (_, plain) = oscillator_step(26.6, 13.3, 1e-4);
     let deficit = [1e6, 2e6, 4e6, 8e6].map(|pole| {
         let (a, b) = amplified(26.6, 13.3, pole);

@@ -1,4 +1,5 @@
-//! Dormand and Prince's pair of orders 5 and 4: one step, its error, and the length of the next step.
+//! Dormand and Prince's pair of orders 5 and 4. It gives one step, the error of the step, and the length of the next
+//! step.
 
 use super::{Field, rk4::along};
 

@@ -1,4 +1,5 @@
-//! Semi-implicit (symplectic) Euler. Speeds and force use the rates at the start; then positions use the new speeds.
+//! Semi-implicit (symplectic) Euler. Speeds and force use the rates at the start of the step. Then the positions use
+//! the new speeds.
 
 use super::Field;
 

@@ -33,15 +33,15 @@ pub trait Field<const N: usize> {
 pub enum Integrator {
     /// Speeds are computed first, then positions from the new speeds. All steps are of equal length.
     SemiImplicitEuler {
-        /// Steps in a sample; fewer than stability needs are refused.
+        /// Number of steps in a sample. Fewer steps than stability needs are refused.
         steps_per_sample: u32,
     },
     /// Classical Runge-Kutta of order 4. All steps are of equal length.
     Rk4 {
-        /// Steps in a sample; fewer than stability needs are refused.
+        /// Number of steps in a sample. Fewer steps than stability needs are refused.
         steps_per_sample: u32,
     },
-    /// Adaptive: the error of a step is kept below `relative |z| + absolute`.
+    /// Adaptive steps: the error of a step is kept below `relative |z| + absolute`.
     DormandPrince {
         /// Largest error of a step, as a fraction of the state.
         relative_tolerance: f64,
@@ -82,7 +82,7 @@ impl Integrator {
     /// Checks the values, and that the method is stable on a plant with this `demand`.
     ///
     /// # Errors
-    /// Key, value and allowed range. If the method would be unstable, the message says so.
+    /// One line with key, value and allowed range. If the method would be unstable, the message says so.
     pub fn check(&self, demand: &StepDemand, sample_s: f64) -> Result<(), String> {
         let fastest_per_s = demand.fastest_per_s();
         let (steps, least) = match *self {

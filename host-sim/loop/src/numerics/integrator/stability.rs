@@ -1,4 +1,5 @@
-//! Largest stable step of an integrator, from the fastest motion of a plant and the stability limit of the method.
+//! Finds the largest stable step of an integrator. The step follows from the fastest motion of the plant and from the
+//! stability limit of the method.
 //!
 //! A chain without force is `M x'' + D x' + K x = 0`. The matrices are symmetric and have no negative eigenvalues. A
 //! motion `q exp(s t)` of the chain satisfies `m s^2 + d s + k = 0` with `m = q* M q`, `d = q* D q`, `k = q* K q`.
@@ -15,13 +16,13 @@
 //! ```text
 //! 4 M - 2 h D - h^2 K   is positive definite
 //! ```
-//! and unstable otherwise. This matrix is the matrix of the equation in g, at g = -1. For g towards minus infinity the
-//! equation's matrix is positive definite. So if the matrix is not positive definite at g = -1, the equation has a real
-//! root g <= -1. More stiffness or damping needs shorter steps. Nothing acts back on the amplifier, so the amplifier
+//! and unstable otherwise. At g = -1, the equation in g has this matrix. For g towards minus infinity, the equation's
+//! matrix is positive definite. So if the matrix is not positive definite at g = -1, the equation has a real root g <=
+//! -1. More stiffness or damping needs shorter steps. Nothing acts back on the amplifier, so the amplifier
 //! only needs `h pole < 2`.
 //!
-//! Source: Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001, section 3 (the numbers
-//! m, d, k of a motion). The rest is derived above.
+//! Source: Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001, section 3. It defines the
+//! numbers m, d, k of a motion. The rest is derived above.
 
 use nalgebra::SMatrix;
 
@@ -31,11 +32,11 @@ pub type Bodies = SMatrix<f64, 3, 3>;
 /// Plant properties that limit the step of an integrator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepDemand {
-    /// `M^-1/2 K M^-1/2` at the steepest slope of the elements, 1/s^2. Rows of absent bodies are 0.
+    /// `M^-1/2 K M^-1/2` at the steepest slope of the elements, in 1/s^2. Rows of absent bodies are 0.
     stiffness: Bodies,
-    /// `M^-1/2 D M^-1/2` at the steepest slope of the elements, 1/s. Rows of absent bodies are 0.
+    /// `M^-1/2 D M^-1/2` at the steepest slope of the elements, in 1/s. Rows of absent bodies are 0.
     damping: Bodies,
-    /// The amplifier's pole, 1/s; 0 without an amplifier.
+    /// The amplifier's pole in 1/s. It is 0 without an amplifier.
     pole_per_s: f64,
 }
 
@@ -44,13 +45,14 @@ fn largest(matrix: Bodies) -> f64 {
 }
 
 impl StepDemand {
-    /// The demand of a plant: `M^-1/2 K M^-1/2`, 1/s^2, and `M^-1/2 D M^-1/2`, 1/s, both at the steepest slope of its
-    /// elements. `pole_per_s` is the pole of the amplifier, 1/s (0: no amplifier).
+    /// The demand of a plant. `stiffness` is `M^-1/2 K M^-1/2` in 1/s^2, and `damping` is `M^-1/2 D M^-1/2` in 1/s,
+    /// both at the steepest slope of the plant's elements. `pole_per_s` is the amplifier's pole in 1/s, or 0 without an
+    /// amplifier.
     pub fn new(stiffness: Bodies, damping: Bodies, pole_per_s: f64) -> Self {
         Self { stiffness, damping, pole_per_s }
     }
 
-    /// Upper bound of |s| over all motions, 1/s.
+    /// Upper bound of |s| over all motions `exp(s t)` of the plant, in 1/s.
     pub fn fastest_per_s(&self) -> f64 {
         let stiffness = largest(self.stiffness).max(0.0).sqrt();
         largest(self.damping).max(stiffness).max(self.pole_per_s)

@@ -25,14 +25,14 @@ const RK4: Integrator = Integrator::Rk4 { steps_per_sample: 1 };
 const DORMAND_PRINCE: Integrator =
     Integrator::DormandPrince { relative_tolerance: 1e-9, absolute_tolerance_m: 1e-12 };
 
-/// Order of the error in the step length, after `time_s`.
+/// Order of the method: how the error after `time_s` falls with the step length.
 fn order<const N: usize>(chain: &Chain, method: Integrator, time_s: f64, steps: u32) -> f64 {
     let (a, b) = chain.system::<N>();
     let field = Linear(a, b * 3.0);
     let start: [f64; N] = core::array::from_fn(|i| [0.02, -0.1, 0.015, 0.2, 0.03, 0.05, 1.0][i]);
     let (phi, gamma) = discretise(&a, &(b * 3.0), time_s);
     let exact = phi * SVector::from(start) + gamma;
-    // The error of a speed is multiplied by the time, which gives a length.
+    // the error of a speed is multiplied by the run's time, so that it is a length like the other errors
     let error = |steps: u32| {
         let h = time_s / f64::from(steps);
         let mut z = start;
@@ -139,8 +139,8 @@ fn refuses_what_would_blow_up() {
 
 const SAMPLE_S: f64 = 1e-4;
 
-/// Three bodies and an amplifier, with values from 1 g, 1 N/m, 1 N s/m to 100 kg, 1e9 N/m, 1e6 N s/m. The pair of
-/// numbers is the spring and the damper of the stops.
+/// Three bodies and an amplifier. Masses are between 1 g and 100 kg, stiffnesses between 1 N/m and 1e9 N/m, dampings
+/// between 1 N s/m and 1e6 N s/m. The pair of numbers is the spring and the damper of the stops.
 fn any_chain() -> impl Strategy<Value = (Chain, (f64, f64))> {
     let log = |low: f64, high: f64| (low..high).prop_map(|x| 10f64.powf(x));
     let body = move || (log(-3.0, 2.0), log(0.0, 9.0), log(0.0, 6.0));
@@ -198,7 +198,8 @@ fn on_springs(stop: (f64, f64)) -> Nonlinear {
     }
 }
 
-/// Spectral radius from the growth of the powers 2, 4, .. 2^50. An iteration for eigenvalues might not converge.
+/// The spectral radius, from the growth of the matrix's powers 2, 4, .. 2^50. An iteration for eigenvalues might not
+/// converge.
 fn radius(mut matrix: SMatrix<f64, 7, 7>) -> f64 {
     let (mut log, mut share) = (0.0, 1.0);
     for _ in 0..50 {
@@ -227,7 +228,7 @@ proptest! {
     fn semi_implicit_euler_is_stable_from_the_least_number_of_steps_on((chain, stop) in any_chain()) {
         let demand = chain.step_demand(&on_springs(stop));
         let least = demand.euler_steps(SAMPLE_S);
-        // Matrix of one step. The code under test computes the matrix column by column, one column for each state.
+        // The matrix of one step. It is built column by column, with one step from each unit state.
         let step = |regime: &SMatrix<f64, 7, 7>, steps: f64| {
             let field = Linear(*regime, SVector::zeros());
             SMatrix::<f64, 7, 7>::from_fn(|row, column| {

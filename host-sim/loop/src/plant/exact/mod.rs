@@ -1,4 +1,4 @@
-//! The exact step of a device: alone (two states), or with linear elements (up to seven states).
+//! The exact step of a device. The device may be alone (two states), or have linear elements (up to seven states).
 
 use super::{AnyState, Plant};
 use crate::{
@@ -14,11 +14,12 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExactStep<const N: usize> {
     pub(crate) phi: [[f64; N]; N],
-    /// Effect of a force: over the whole sample (`gamma`), until the split (`before`), from the split on (`after`).
+    /// Effect of a force. In `gamma` the force acts over the whole sample, in `before` until the split, in `after` from
+    /// the split on.
     pub(crate) gamma: [f64; N],
     pub(crate) before: [f64; N],
     pub(crate) after: [f64; N],
-    /// Change of the state in a sample by a hand's constant force.
+    /// Change of the state in one sample, caused by the hand's constant force.
     pub(crate) hand: [f64; N],
     pub(crate) rest_m: [f64; 3],
 }
@@ -36,7 +37,7 @@ pub(super) fn still<const N: usize>(rest_m: &[f64; 3], position_m: f64) -> [f64;
 }
 
 impl ExactStep<2> {
-    /// The step over `sample_s`. The split is at `fraction` (0 to below 1) of the sample.
+    /// The step over `sample_s`. A command takes effect at `fraction` (0 to below 1) of the sample.
     pub fn new(device: &Device, sample_s: f64, fraction: f64) -> Self {
         let stiffness = device.stiffness_n_per_m / device.mass_kg;
         let damping = device.damping_n_s_per_m / device.mass_kg;
@@ -57,8 +58,8 @@ impl ExactStep<2> {
 }
 
 impl<const N: usize> ExactStep<N> {
-    /// The step over `sample_s`, split at `fraction` (0 to below 1) of the sample. N must be the chain's number of
-    /// states.
+    /// The step over `sample_s`. A command takes effect at `fraction` (0 to below 1) of the sample. N must be the
+    /// chain's number of states.
     ///
     /// # Panics
     /// If N is not the chain's number of states.

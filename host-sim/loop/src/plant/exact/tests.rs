@@ -12,7 +12,7 @@ const STEPS: &str = include_str!("../../../../../tests/golden/augmented_step.csv
 const TRAJECTORIES: &str = include_str!("../../../../../tests/golden/augmented_trajectory.csv");
 /// Largest error of a step in the energy norm, relative to max(1, |A| T).
 const STEP_ERROR_MAX: f64 = 1e-12;
-/// Largest relative error after 6 s.
+/// Largest relative error of a trajectory after 6 s.
 const TRAJECTORY_ERROR_MAX: f64 = 1e-9;
 const START_M: f64 = 0.06;
 
@@ -51,9 +51,9 @@ fn parse(line: &str) -> (Chain, f64, Vec<Vec<f64>>) {
     (chain, value(12), lists.collect())
 }
 
-/// Matrix R: |R z|^2 is twice the energy of z. A position has at least the weight of the speed `position / dt`, so that
-/// a chain without springs has a norm. The amplifier's force has the weight of the speed that the force causes within
-/// `dt`.
+/// The matrix R for which |R z|^2 is twice the energy of z. A position has at least the weight of the speed `position /
+/// dt`, so that a chain without springs has a norm. The amplifier's force has the weight of the speed that the force
+/// causes within `dt`.
 fn energy_root(chain: &Chain, dt: f64) -> DMatrix<f64> {
     let a = chain.matrix();
     let states = a.nrows();
@@ -79,7 +79,7 @@ fn energy_root(chain: &Chain, dt: f64) -> DMatrix<f64> {
     energy.cholesky().expect("positive definite").l().transpose()
 }
 
-/// Largest error of a step in the energy norm, and |A| T in this norm.
+/// Largest error of a step in the energy norm, and the norm of A times T.
 fn error<const N: usize>(chain: &Chain, dt: f64, golden: &[Vec<f64>]) -> (f64, f64) {
     let step = ExactStep::<N>::of_chain(chain, dt, 0.0);
     let root = energy_root(chain, dt);
@@ -87,7 +87,7 @@ fn error<const N: usize>(chain: &Chain, dt: f64, golden: &[Vec<f64>]) -> (f64, f
     let phi = DMatrix::from_fn(N, N, |r, c| step.phi[r][c] - golden[0][r * N + c]);
     let gamma = DVector::from_fn(N, |r, _| step.gamma[r] - golden[1][r]);
     let norm = |matrix: DMatrix<f64>| matrix.singular_values().max();
-    // Relative to the speed that a force of 1 N causes within dt.
+    // the error is relative to the speed that a force of 1 N causes within dt
     let newton = dt / chain.device.mass_kg.sqrt();
     let size = norm(&root * chain.matrix() * &back) * dt;
     (norm(&root * phi * &back).max((root * gamma).norm() / newton), size)
@@ -170,7 +170,7 @@ fn a_split_step_is_two_steps() {
             once = split.advance_split(&once, before, after);
             twice = late.advance(&early.advance(&twice, before), after);
             let error = DVector::from_fn(7, |i, _| once[i] - twice[i]);
-            // About a thousand roundings of a state whose norm is about 10.
+            // the limit allows about a thousand roundings of a state whose norm is about 10
             assert!((&root * error).norm() < 1e-11);
         }
     }

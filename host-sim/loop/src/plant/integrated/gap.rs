@@ -1,4 +1,5 @@
-//! The gap of [`Backlash`] for the integrator: the plant without the transmission, and the forces at a flank.
+//! The gap of [`Backlash`] for the integrator: how the plant moves without the transmission, and which forces act at a
+//! flank.
 
 use super::{Event, Linear, Play};
 use crate::scene::element::{Backlash, Chain, End, Mode};
@@ -8,12 +9,12 @@ use crate::scene::element::{Backlash, Chain, End, Mode};
 pub(super) struct Gap<const N: usize> {
     half_m: f64,
     mode: Mode,
-    /// Distance of the two bodies when both are in their rest positions, m.
+    /// Distance between the two bodies when both are in their rest positions, in m.
     rest_m: f64,
-    /// The matrix of the chain without its transmission, and the constant part of the rates.
+    /// The matrix of the chain without its transmission, and the part of its rates that does not depend on the state.
     apart: [[f64; N]; N],
     apart_rate: [f64; N],
-    /// Constant part of the rates if the flank `High` is touched.
+    /// The part of the rates that does not depend on the state while the flank `High` is touched.
     flank_rate: [f64; N],
 }
 
@@ -25,7 +26,7 @@ impl<const N: usize> Gap<N> {
         let (apart, _) = Chain { mode: Some(loose), ..*chain }.system::<N>();
         let (half_m, [first_m, second_m, _]) = (0.5 * backlash.gap_m, chain.rest_m());
         let rest_m = second_m - first_m;
-        // A force on the device, and its opposite on the second mass.
+        // a force on the device, and the opposite force on the second mass
         let pair = |force_n: f64| {
             core::array::from_fn(|row| match row {
                 1 => force_n / chain.device.mass_kg,
@@ -61,7 +62,7 @@ impl<const N: usize> Gap<N> {
         Linear { a, constant }
     }
 
-    /// Remaining stretch of the transmission after a time without force, m.
+    /// Stretch of the transmission that is left after a time without force, in m.
     #[inline]
     pub(super) fn relaxed_m(&self, stretch_m: f64, duration_s: f64) -> f64 {
         if stretch_m == 0.0 {
@@ -71,7 +72,8 @@ impl<const N: usize> Gap<N> {
         stretch_m * libm::exp(-stiffness_n_per_m / damping_n_s_per_m * duration_s)
     }
 
-    /// The guard of this state of the gap: its value, and the event that occurs when the value becomes negative.
+    /// The guard of this state of the gap. Returns the guard's value, and the event that occurs when the value becomes
+    /// negative.
     #[inline]
     pub(super) fn guard(&self, play: Play, z: &[f64; N], elapsed_s: f64) -> (f64, Event) {
         match play {
@@ -95,13 +97,13 @@ impl<const N: usize> Gap<N> {
         Play::Apart { stretch_m: if damped { self.stretch_m(end, z) } else { 0.0 } }
     }
 
-    /// Position of the second mass minus position of the device, m.
+    /// Position of the second mass minus position of the device, in m.
     #[inline]
     fn ahead_m(&self, z: &[f64; N]) -> f64 {
         z[2] - z[0] + self.rest_m
     }
 
-    /// Stretch of the transmission while a flank is touched, m.
+    /// Stretch of the transmission while this flank is touched, in m.
     #[inline]
     fn stretch_m(&self, end: End, z: &[f64; N]) -> f64 {
         self.ahead_m(z) - self.half_m * end.outward()
@@ -160,7 +162,7 @@ mod tests {
                 let chain = with(ELASTIC, DEVICE);
                 let backlash = Some(Backlash { gap_m: GAP_M });
                 let nonlinear = Nonlinear { backlash, ..Nonlinear::default() };
-                // A hundred samples are ten periods.
+                // a hundred samples are ten periods
                 let sample_s = 0.1 * period_s;
                 let plant = IntegratedStep::<4>::new(&chain, &nonlinear, method, sample_s, 0.0);
                 let mut state = plant.at_rest(0.0);
@@ -181,7 +183,7 @@ mod tests {
         }
     }
 
-    /// A slow push changes its direction. The second mass moves by the gap and by the stretch on both flanks.
+    /// A slow push that changes its direction moves the second mass by the gap, and by the stretch on both flanks.
     #[test]
     fn a_slow_push_moves_it_by_the_gap() {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 5.0, ..DEVICE };
@@ -199,7 +201,7 @@ mod tests {
         assert!((way_m / expected_m - 1.0).abs() < 1e-6, "{way_m} {expected_m}");
     }
 
-    /// Between the flanks each body moves by itself: the device alone, and the second mass with the arm.
+    /// Between the flanks each body moves by itself: the device moves alone, and the second mass moves with the arm.
     #[test]
     fn between_the_flanks_both_move_alone() {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 5.0, ..DEVICE };
@@ -309,8 +311,8 @@ mod tests {
         }
     }
 
-    /// Energy of both bodies, the device's spring and the transmission. The sum includes the energy of a relaxing
-    /// stretch.
+    /// The energy of both bodies, of the device's spring and of the transmission never grows. It includes the energy of
+    /// a stretch that still relaxes.
     #[test]
     fn energy_never_grows() {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 0.0, ..DEVICE };

@@ -26,21 +26,21 @@ use crate::{
     scene::element::{Chain, Cogging, Friction, Nonlinear, Travel},
 };
 
-/// Largest number of located regime changes in one piece of a sample. After this number, a regime change takes effect
-/// at the end of its step, and the speed is set to 0 when the device reaches an end. So a piece with infinitely many
-/// bounces is computed in finite time.
+/// Largest number of regime changes that are located in one piece of a sample. After this number, a regime change takes
+/// effect at the end of its step, and the speed is set to 0 when the device reaches an end. So a piece with infinitely
+/// many bounces is computed in finite time.
 const EVENTS_MAX: u32 = 200;
-/// Shortest adaptive step, relative to the sample.
+/// Shortest adaptive step, as a fraction of the sample.
 const SHORTEST: f64 = 1e-6;
-/// Time that is treated as 0, relative to the sample.
+/// Times up to this fraction of the sample are treated as 0.
 const NO_TIME: f64 = 1e-13;
 
-/// The plant of N linear states with its non-linear elements and its integrator.
+/// A plant of N linear states, with its non-linear elements and its integrator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IntegratedStep<const N: usize> {
     a: [[f64; N]; N],
     b: [f64; N],
-    /// Acceleration by the hand's constant force.
+    /// Acceleration that the hand's constant force causes.
     hand: [f64; N],
     mass_kg: f64,
     rest_m: [f64; 3],
@@ -50,15 +50,16 @@ pub struct IntegratedStep<const N: usize> {
     gap: Option<Gap<N>>,
     integrator: Integrator,
     sample_s: f64,
-    /// Time within the sample at which a command takes effect, s.
+    /// Time within the sample at which a command takes effect, in s.
     split_s: f64,
-    /// Lengths of the steps of a whole sample without regime changes. Empty for a method with error control.
+    /// Lengths of the steps of a whole sample without regime changes. The list is empty for a method with error
+    /// control.
     even: Arc<[f64]>,
     /// Absolute tolerance of each state.
     tolerances: [f64; N],
 }
 
-/// States of the chain, the regime, the length of the next adaptive step, and the number of tried steps.
+/// The states of the chain, the regime, the length of the next adaptive step, and the number of steps that were tried.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HybridState<const N: usize> {
     z: [f64; N],
@@ -67,7 +68,7 @@ pub struct HybridState<const N: usize> {
     steps: u64,
 }
 
-/// The linear plant under one force.
+/// The linear plant while one force acts.
 struct Linear<'a, const N: usize> {
     a: &'a [[f64; N]; N],
     /// The part of the rates that does not depend on the state.
@@ -87,7 +88,7 @@ impl<const N: usize> Field<N> for Linear<'_, N> {
     }
 }
 
-/// The plant in one regime under one force. The rates are smooth functions of the state.
+/// The plant in one regime, while one force acts. The rates are smooth functions of the state.
 struct Smooth<'a, const N: usize> {
     plant: &'a IntegratedStep<N>,
     regime: Regime,
@@ -183,7 +184,7 @@ impl<const N: usize> IntegratedStep<N> {
         z[0] + self.rest_m[0]
     }
 
-    /// Force of cogging and stops, N.
+    /// Force of cogging and stops in N.
     #[inline]
     fn position_force_n(&self, z: &[f64; N], stop: Stop) -> f64 {
         let position_m = self.absolute_m(z);
@@ -194,8 +195,8 @@ impl<const N: usize> IntegratedStep<N> {
         force_n
     }
 
-    /// One step of the length `length_s`. Without `length_s`, the method selects a length of at most `left_s`. Returns
-    /// the length and the state at the end of the step.
+    /// Tries one step. The step has the length `length_s`; without `length_s`, the method selects a length of at most
+    /// `left_s`. Returns the length and the state at the end of the step.
     #[inline(always)]
     fn trial(
         &self,
@@ -235,7 +236,7 @@ impl<const N: usize> IntegratedStep<N> {
             }
             let wanted = h * dormand_prince::change(worst);
             if worst <= 1.0 || h <= shortest {
-                // If the end of a piece has shortened this step, the next step need not be as short.
+                // if the end of a piece has shortened this step, the next step can be longer again
                 state.step_s = wanted.max(if h < state.step_s { state.step_s } else { 0.0 });
                 state.step_s = state.step_s.clamp(shortest, self.sample_s);
                 return (h, next);
@@ -244,8 +245,8 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Shortens a step to the first instant at which a guard is zero. Returns length, end state and event. `None`
-    /// without an event.
+    /// Shortens a step to the first instant at which a guard is zero. Returns length, end state and event. Returns
+    /// `None` if no guard becomes zero.
     fn first_event(
         &self,
         field: &Smooth<'_, N>,
@@ -327,7 +328,7 @@ impl<const N: usize> IntegratedStep<N> {
         (high, at_high.1)
     }
 
-    /// Lengths of the steps of a piece. Empty if the lengths are not known in advance.
+    /// Lengths of the steps of a piece. The list is empty if the lengths are not known in advance.
     #[inline]
     fn lengths_s(&self, duration_s: f64) -> impl Iterator<Item = f64> {
         let whole = if duration_s == self.sample_s { &self.even[..] } else { &[] };
@@ -347,7 +348,7 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Moves the plant for `duration_s` under one force.
+    /// Moves the plant for `duration_s`, while one force acts.
     fn piece(&self, state: &mut HybridState<N>, force_n: f64, duration_s: f64) {
         if state.z[1] == 0.0 {
             self.settle(state, force_n);
@@ -399,7 +400,7 @@ impl<const N: usize> IntegratedStep<N> {
         state
     }
 
-    /// The pieces of a sample in which a command takes effect: force and duration of each.
+    /// Cuts a sample in which a command takes effect into pieces. Returns force and duration of each piece.
     ///
     /// Semi-implicit Euler can be unstable with alternating step lengths, even if it is stable with each length alone.
     /// So all steps of this method have the same length. The step that contains the split gets the mean of both forces.
@@ -419,7 +420,7 @@ impl<const N: usize> IntegratedStep<N> {
     }
 }
 
-/// Length of the next step, with `steps_per_sample` equal steps in a sample. `left_s` is the rest of the piece.
+/// Length of the next step, if a sample has `steps_per_sample` equal steps. `left_s` is the rest of the piece.
 fn even_step(steps_per_sample: u32, sample_s: f64, left_s: f64) -> f64 {
     let steps = left_s * f64::from(steps_per_sample) / sample_s;
     left_s / libm::ceil(steps - 1e-9).max(1.0)

@@ -6,7 +6,7 @@ use crate::{
     scene::element::{End, REST_SPEED_M_PER_S, Travel},
 };
 
-/// State of motion, stop and gap. The three states together select the equation.
+/// The states of motion, stop and gap. Together they select the equation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Regime {
     pub(super) motion: Motion,
@@ -38,8 +38,8 @@ pub(super) enum Stop {
 /// State of the gap in the transmission.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Play {
-    /// No flank is touched. The transmission has left a flank, and its stretch relaxes. `stretch_m` is the remaining
-    /// stretch.
+    /// No flank is touched. The transmission has left a flank, and its stretch relaxes. `stretch_m` is the stretch that
+    /// is left.
     Apart { stretch_m: f64 },
     /// The transmission presses on this flank. On the flank `High`, the second mass is ahead and pulls the device up.
     Touching(End),
@@ -67,7 +67,7 @@ pub(super) enum Event {
 pub(super) const GUARDS: usize = 4;
 
 impl<const N: usize> IntegratedStep<N> {
-    /// Sum of all forces on the device except friction and the forces of rigid stops, N.
+    /// Sum of all forces on the device, without friction and the forces of rigid stops, in N.
     fn pull_n(&self, state: &HybridState<N>, force_n: f64) -> f64 {
         let smooth = self.linear(force_n, state.regime.play).rate(&state.z)[1] * self.mass_kg;
         smooth + self.position_force_n(&state.z, state.regime.stop)
@@ -80,7 +80,8 @@ impl<const N: usize> IntegratedStep<N> {
         [End::Low, End::High].into_iter().find(|end| travel.depth_m(*end, position_m) >= 0.0)
     }
 
-    /// Additional force, up and down, that is needed to move a device at rest, N. Infinite towards a rigid stop.
+    /// Additional force that is needed to move a device at rest up, and to move it down, in N. The force is infinite
+    /// towards a rigid stop.
     fn holds_n(&self, state: &HybridState<N>, force_n: f64) -> (f64, f64) {
         let pull_n = self.pull_n(state, force_n);
         let hold_n = self.friction.map_or(0.0, |friction| friction.static_n);
@@ -96,7 +97,7 @@ impl<const N: usize> IntegratedStep<N> {
     /// Sets the motion of a device with speed 0.
     pub(super) fn settle(&self, state: &mut HybridState<N>, force_n: f64) {
         if let Some(end) = self.rigid_stop(&state.z) {
-            // A rounding of the event's time may put the device slightly beyond the end.
+            // the rounded time of the event may put the device slightly beyond the end
             self.put_on(&mut state.z, end);
         }
         let can_hold = self.friction.is_some() || self.rigid_stop(&state.z).is_some();
@@ -209,7 +210,7 @@ impl<const N: usize> IntegratedStep<N> {
         if let Some(travel) = self.travel {
             let end_m = travel.end_m(end);
             z[0] = end_m - self.rest_m[0];
-            // The difference is rounded. A device on a rigid stop must not be before the end.
+            // The difference is rounded, so the device is moved until it is not before the end.
             while travel.depth_m(end, self.absolute_m(z)) < 0.0 {
                 z[0] = if end == End::High { z[0].next_up() } else { z[0].next_down() };
             }

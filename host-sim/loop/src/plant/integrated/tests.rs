@@ -46,7 +46,8 @@ fn thrown<const N: usize>(
 
 #[test]
 fn a_thrown_device_stops_in_the_known_distance_and_stays() {
-    // m v^2 / 2 = coulomb distance. Semi-implicit Euler moves with the new speed, so its error is of first order.
+    // The device stops after the distance m v^2 / 2 / coulomb. Semi-implicit Euler moves with the new speed, so its
+    // error is of first order.
     for (method, tolerance) in [(EULER, 1e-4), (RK4, 1e-12), (DORMAND_PRINCE, 1e-12)] {
         for speed in [0.2, -0.37, 1e-5] {
             let plant = plant(DEVICE, &with(COULOMB), method);
@@ -78,8 +79,8 @@ fn a_thrown_device_stops_in_the_known_distance_and_stays() {
 
 #[test]
 fn a_spring_pulls_the_device_into_rest_where_friction_says() {
-    // x'' = -w^2 x -+ g: each half oscillation loses 2 fc / k. From 9.5 fc/k on the turning points are -7.5, 5.5, -3.5,
-    // 1.5 fc/k. Then the device sticks at 0.5 fc/k, on the side of its last turning point.
+    // x'' = -w^2 x -+ g, so each half oscillation loses 2 fc / k. From 9.5 fc/k on, the turning points are -7.5, 5.5,
+    // -3.5 and 1.5 fc/k. Then the device sticks at 0.5 fc/k, on the side of its last turning point.
     let stiffness_n_per_m = 300.0;
     let device = Device { stiffness_n_per_m, ..DEVICE };
     let unit = COULOMB.coulomb_n / stiffness_n_per_m;
@@ -96,7 +97,7 @@ fn a_spring_pulls_the_device_into_rest_where_friction_says() {
 
 #[test]
 fn stick_slip_breaks_away_at_the_static_force() {
-    // The force of an amplifier rises as 1 - exp(-p t). So breakaway and the motion after it have known formulas.
+    // The amplifier's force rises as 1 - exp(-p t). So breakaway and the motion after it have known formulas.
     let bandwidth_hz = 1.0;
     let chain = Chain { amplifier: Some(Amplifier { bandwidth_hz }), ..Chain::alone(DEVICE) };
     for method in [RK4, DORMAND_PRINCE] {
@@ -111,7 +112,7 @@ fn stick_slip_breaks_away_at_the_static_force() {
         }
         let end_s = f64::from(n) * SAMPLE_S;
         assert!((end_s - SAMPLE_S..end_s).contains(&breaks_s), "{method:?}: {breaks_s} {end_s}");
-        // For such a short time the net force is rate t, and the speed is rate t^2 / 2 / m.
+        // for such a short time the net force is rate t, so the speed is rate t^2 / 2 / m
         let rate = pole * (2.0 - STRIBECK.static_n);
         let expected = 0.5 * rate * (end_s - breaks_s).powi(2) / DEVICE.mass_kg;
         assert!(
@@ -163,7 +164,7 @@ fn energy_falls<const N: usize>(chain: &Chain, nonlinear: &Nonlinear, speed: f64
     assert!(last < start);
 }
 
-/// Smallest energy of cogging, J.
+/// The smallest energy that cogging can have, in J.
 fn energy_floor(nonlinear: &Nonlinear) -> f64 {
     nonlinear.cogging.map_or(0.0, |c| -c.amplitude_n * c.pitch_m / core::f64::consts::TAU)
 }
@@ -244,8 +245,8 @@ fn a_rigid_stop_is_not_passed_and_gives_back_its_share() {
             assert!(plant.position_m(&state) <= 0.08f64.next_up());
         }
         assert!((state.z[1] + 0.6).abs() < 1e-12, "{method:?}: {}", state.z[1]);
-        // A force presses the device on the stop. Each bounce is lower, and the device is at rest after v (1 + e) / (1
-        // - e) m / F.
+        // A force presses the device on the stop. Each bounce is lower than the last. The device is at rest after the
+        // time v (1 + e) / (1 - e) m / F.
         let mut state = thrown(&plant, 0.08, -0.3);
         let rests_s = 0.3 * 2.0 / (1.0 - 0.6) * DEVICE.mass_kg / 2.0;
         let mut rested = 0;

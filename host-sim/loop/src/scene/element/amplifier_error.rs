@@ -22,7 +22,7 @@ pub struct AmplifierError {
 }
 
 impl AmplifierError {
-    /// Force of a command, N.
+    /// The force that a command causes, in N.
     #[inline]
     pub fn force_n(&self, command_n: f64, full_scale_n: f64) -> f64 {
         let part = command_n / full_scale_n;
@@ -30,9 +30,9 @@ impl AmplifierError {
     }
 
     /// # Errors
-    /// Key, value, allowed range.
+    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
-        // Below -1/3 a larger command would give a smaller force.
+        // below -1/3 a larger command would give a smaller force
         Checker("amplifier_error").within("cubic", self.cubic, -0.3..=1.0)
     }
 }

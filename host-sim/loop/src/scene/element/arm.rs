@@ -37,7 +37,7 @@ pub struct Arm {
 
 impl Arm {
     /// # Errors
-    /// Key, value, allowed range.
+    /// One line with key, value and allowed range.
     pub fn check(&self, table: &str) -> Result<(), String> {
         let (damping, stiffness) = (ranges::DAMPING_N_S_PER_M, ranges::STIFFNESS_N_PER_M);
         for (key, value, range) in [
@@ -53,9 +53,9 @@ impl Arm {
         Ok(())
     }
 
-    /// Arms for scenes without arms: a heavy arm with a soft grip, and a light arm with a firm grip. The values have
-    /// the size of published values, but we have not measured them. `Scene::named_arm` sets the rest position to the
-    /// handle's start position.
+    /// Arms that a scene without an arm can use: a heavy arm with a soft grip, and a light arm with a firm grip. The
+    /// values have the size of published values, but we have not measured them. `Scene::named_arm` sets the rest
+    /// position to the handle's start position.
     pub const BUILT_IN: &[(&str, Self)] =
         &[("heavy", Self::model(1.1, 900.0, 15.0)), ("light", Self::model(0.5, 3000.0, 25.0))];
 

@@ -26,7 +26,7 @@ pub const STATES_MAX: usize = 7;
 /// Minus zero. If -0 is added to a number, no bit of the number changes. If +0 is added to -0, the sum is +0.
 pub const NOTHING: f64 = -0.0;
 
-/// Calls a generic function whose number of states, 2 to [`STATES_MAX`], is only known at run time.
+/// Calls a generic function with the number of states, 2 to [`STATES_MAX`], that is only known at run time.
 macro_rules! of_states {
     ($states:expr, $n:ident => $body:expr) => {
         of_states!($states, $n => $body, [2, 3, 4, 5, 6])
@@ -54,9 +54,9 @@ pub struct Chain {
     pub mode: Option<Mode>,
     pub arm: Option<Arm>,
     pub amplifier: Option<Amplifier>,
-    /// Constant force of a hand on the last body, N.
+    /// Constant force of a hand on the last body, in N.
     pub hand_n: f64,
-    /// Constant force on the device, N.
+    /// Constant force on the device in N.
     pub offset_n: f64,
 }
 
@@ -141,8 +141,8 @@ impl Chain {
         (a, b)
     }
 
-    /// Acceleration of each state by the constant forces: the hand's force on the last body, the offset on the device.
-    /// All other values are -0, so adding them changes no bit of a sum.
+    /// Acceleration that the constant forces cause in each state: the hand's force on the last body, and the offset on
+    /// the device. All other values are -0, so adding them changes no bit of a sum.
     pub fn hand(&self) -> [f64; STATES_MAX] {
         let mut rates = [NOTHING; STATES_MAX];
         if self.hand_n != 0.0 {
@@ -155,7 +155,7 @@ impl Chain {
         rates
     }
 
-    /// Change of each state over `dt` by the constant forces of hand and offset. -0 without forces.
+    /// Change of each state over `dt`, caused by the constant forces of hand and offset. It is -0 without forces.
     pub fn hand_moves(&self, dt: f64) -> [f64; STATES_MAX] {
         if self.hand_n == 0.0 && self.offset_n == 0.0 {
             return [NOTHING; STATES_MAX];
@@ -173,7 +173,7 @@ impl Chain {
         })
     }
 
-    /// Rest position of each body without a force, m. Unused entries are the device's position.
+    /// Rest position of each body without a force, in m. Unused entries are the device's position.
     ///
     /// The springs are in a row from the device's rest position to the arm's rest position. All springs carry the same
     /// force. A spring of stiffness 0 interrupts the row. Bodies behind the last interruption rest at the arm's rest
@@ -182,7 +182,7 @@ impl Chain {
         let origin = self.device.rest_position_m;
         let (bodies, count) = self.bodies();
         let Some(arm) = self.arm else { return [origin; 3] };
-        // The springs in their order: the device's own spring, the joints, the arm's own spring.
+        // the springs in their order: the device's own spring, the joints, the arm's own spring
         let mut springs = [self.device.stiffness_n_per_m; 4];
         for i in 1..count {
             springs[i] = bodies[i].joint[0];
@@ -215,8 +215,8 @@ impl Chain {
         })
     }
 
-    /// `M^-1/2 X M^-1/2` for the bodies' stiffness, 1/s^2, and damping, 1/s. The given stiffness and damping are added
-    /// to the device. Rows of absent bodies are 0.
+    /// The bodies' stiffness and damping as `M^-1/2 X M^-1/2`, in 1/s^2 and 1/s. The given stiffness and damping are
+    /// added to the device. Rows of absent bodies are 0.
     pub fn per_mass(
         &self,
         (stiffness_n_per_m, damping_n_s_per_m): (f64, f64),
@@ -248,7 +248,7 @@ impl Chain {
         StepDemand::new(stiffness, damping, pole_per_s)
     }
 
-    /// `exp(A dt) - 1` and the response to a unit force over `dt`, for any number of states.
+    /// `exp(A dt) - 1`, and the response to a unit force over `dt`. The number of states is only known at run time.
     pub fn increment(&self, dt: f64) -> (DMatrix<f64>, DVector<f64>) {
         if self.states() == 2 {
             let mass = self.device.mass_kg;
@@ -290,7 +290,8 @@ mod tests {
     };
     const MODE: Mode = Mode { mass_kg: 0.2, stiffness_n_per_m: 4e4, damping_n_s_per_m: 3.0 };
 
-    /// Accelerations at a state, from the forces on each body. The calculation does not use the chain's row of bodies.
+    /// Accelerations in a state, computed from the forces on each body. This calculation does not use the chain's row
+    /// of bodies.
     fn accelerations(chain: &Chain, at_m: [f64; 3], speeds: [f64; 3], force_n: f64) -> Vec<f64> {
         let device = chain.device;
         let mut forces = [

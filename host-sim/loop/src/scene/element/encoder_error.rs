@@ -31,7 +31,7 @@ pub struct EncoderError {
 }
 
 impl EncoderError {
-    /// Error of the reading, m.
+    /// Error of the reading in m.
     #[inline]
     pub fn error_m(&self, position_m: f64) -> f64 {
         let phase = TAU * position_m / self.cycle_m + self.phase_rad;
@@ -46,7 +46,7 @@ impl EncoderError {
     }
 
     /// # Errors
-    /// Key, value, allowed range.
+    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         let keys = Checker("encoder_error");
         keys.within("cycle_m", self.cycle_m, 1e-8..=1.0)?;

@@ -22,14 +22,14 @@ pub struct EncoderNoise {
 }
 
 impl EncoderNoise {
-    /// Error of the reading at a sample, m. `hit` distinguishes hits.
+    /// Error of the reading at a sample, in m. Each `hit` number has its own noise.
     #[inline]
     pub fn error_m(&self, hit: u64, sample: u64) -> f64 {
         self.rms_m * random::gaussian(hit ^ (u64::from(self.seed) << 32), sample)
     }
 
     /// # Errors
-    /// Key, value, allowed range.
+    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         Checker("encoder_noise").within("rms_m", self.rms_m, 0.0..=1.0)
     }

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Checker;
 
-/// Largest friction force that a scene may have, N.
+/// Largest friction force that a scene may have, in N.
 const FORCE_N: f64 = 1e5;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -25,12 +25,12 @@ pub struct Friction {
     pub coulomb_n: f64,
     /// Largest friction at rest; at least `coulomb_n`.
     pub static_n: f64,
-    /// Width of the fall from static to Coulomb friction, in speed.
+    /// Speed at which friction has fallen by 63 % of the way from static to Coulomb friction.
     pub stribeck_speed_m_per_s: f64,
 }
 
 impl Friction {
-    /// Magnitude of the force while sliding at this speed, N.
+    /// Magnitude of the friction force while the device slides at this speed, in N.
     #[inline]
     pub fn sliding_n(&self, speed_m_per_s: f64) -> f64 {
         let beyond = self.static_n - self.coulomb_n;
@@ -41,14 +41,14 @@ impl Friction {
         self.coulomb_n + beyond * libm::exp(-ratio * ratio)
     }
 
-    /// Steepest decrease of friction with speed, N s/m. The slope is steepest at 1/sqrt(2) of the Stribeck speed.
+    /// The largest decrease of friction with speed, in N s/m. The slope is largest at 1/sqrt(2) of the Stribeck speed.
     pub fn steepest_n_s_per_m(&self) -> f64 {
         let steepest = core::f64::consts::SQRT_2 * libm::exp(-0.5);
         (self.static_n - self.coulomb_n) / self.stribeck_speed_m_per_s * steepest
     }
 
     /// # Errors
-    /// Key, value, allowed range.
+    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         let keys = Checker("friction");
         keys.within("coulomb_n", self.coulomb_n, 0.0..=FORCE_N)?;

@@ -13,28 +13,28 @@ use serde::{Deserialize, Serialize};
 use super::{Chain, Checker, STATES_MAX};
 use crate::numerics::random;
 
-/// Number of delay levels above 0.
+/// Number of possible delays above 0.
 const LEVELS: u64 = 256;
-/// Number that makes the random delays independent of the encoder noise.
+/// A number that is mixed into the seed. It makes the random delays independent of the encoder noise.
 const STREAM: u64 = 0x6a69_7474_6572;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Jitter {
-    /// Largest delay of a reading, at most the latency, and below a sample. Delays are uniform over 257 values.
+    /// Largest delay of a reading, at most the latency and below a sample. The delays are uniform over 257 values.
     pub peak_s: f64,
     /// Seed of the random numbers.
     pub seed: u32,
 }
 
-/// Weights that give the position after a delay within a sample: a sum over the state at the sample's beginning, and
-/// over the forces before and after the split.
+/// Weights that give the position after a delay within a sample. The position is a weighted sum of the state at the
+/// sample's beginning and the forces before and after the split.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Glimpse {
     state: [f64; STATES_MAX],
     before: f64,
     after: f64,
-    /// Displacement by the hand's constant force, m.
+    /// Displacement that the hand's constant force causes, in m.
     hand_m: f64,
 }
 
@@ -50,7 +50,7 @@ impl Glimpse {
         Self { state, before: gamma[0] - after, after, hand_m }
     }
 
-    /// Position after the delay, relative to the device's rest position, m.
+    /// Position after the delay, relative to the device's rest position, in m.
     #[inline]
     pub fn offset_m(&self, z: &[f64; STATES_MAX], before_n: f64, after_n: f64) -> f64 {
         let free: f64 = self.state.iter().zip(z).map(|(weight, value)| weight * value).sum();
@@ -59,27 +59,27 @@ impl Glimpse {
 }
 
 impl Jitter {
-    /// Index of a sample's delay, 0 to 256. `hit` distinguishes hits.
+    /// Index of a sample's delay, from 0 to 256. Each `hit` number has its own delays.
     #[inline]
     pub fn level(&self, hit: u64, sample: u64) -> usize {
         let seed = hit ^ (u64::from(self.seed) << 32) ^ STREAM;
         (random::bits(seed, sample) % (LEVELS + 1)) as usize
     }
 
-    /// Delay with this index, s.
+    /// The delay with this index, in s.
     #[inline]
     pub fn delay_s(&self, level: usize) -> f64 {
         self.peak_s * (level as f64 / LEVELS as f64)
     }
 
-    /// The weights for each delay, if a command takes effect at `split_s` of the sample.
+    /// The weights for each delay. A command takes effect `split_s` after the sample's beginning.
     pub fn glimpses(&self, chain: &Chain, split_s: f64) -> Vec<Glimpse> {
         let levels = usize::try_from(LEVELS).unwrap_or(0);
         (0..=levels).map(|level| Glimpse::new(chain, self.delay_s(level), split_s)).collect()
     }
 
     /// # Errors
-    /// Key, value, allowed range.
+    /// One line with key, value and allowed range.
     pub fn check(&self, latency_s: f64, sample_s: f64) -> Result<(), String> {
         let most = latency_s.min(sample_s.next_down());
         Checker("jitter").within("peak_s", self.peak_s, 0.0..=most)

@@ -1,5 +1,5 @@
-//! The optional elements of a scene. Each file has one element: table of the scene file, equation, source, tests. An
-//! absent element is not modelled and needs no time.
+//! The optional elements of a scene. Each file describes one element: its table in the scene file, its equation, its
+//! source and its tests. An element that is absent is not modelled and needs no time.
 //!
 //! | element | table | advanced |
 //! |---------|-------|----------|
@@ -63,7 +63,7 @@ pub struct Nonlinear {
 }
 
 impl Nonlinear {
-    /// Stiffness and damping that these elements add to the device at their steepest slope, N/m and N s/m.
+    /// Stiffness and damping that these elements add to the device at their steepest slope, in N/m and N s/m.
     pub fn steepest(&self) -> (f64, f64) {
         let mut sum = (0.0, 0.0);
         if let Some(friction) = self.friction {
@@ -79,7 +79,7 @@ impl Nonlinear {
     }
 }
 
-/// Checks values of one table.
+/// Checks the values of one table of the scene.
 #[derive(Clone, Copy, Debug)]
 struct Checker(&'static str);
 

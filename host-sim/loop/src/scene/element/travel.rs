@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use super::Checker;
 use crate::scene::{Device, ranges};
 
-/// Speed after a bounce, m/s, below which the device stays at a rigid stop.
+/// Speed after a bounce below which the device stays at a rigid stop, in m/s.
 pub const REST_SPEED_M_PER_S: f64 = 1e-6;
 
 /// The limits of the device's travel.
@@ -55,7 +55,7 @@ pub enum End {
 }
 
 impl End {
-    /// Sign of the outward direction.
+    /// Sign of the direction that points out of the travel at this end.
     #[inline]
     pub fn outward(self) -> f64 {
         match self {
@@ -66,7 +66,7 @@ impl End {
 }
 
 impl Travel {
-    /// Position of an end, m.
+    /// Position of an end in m.
     #[inline]
     pub fn end_m(&self, end: End) -> f64 {
         let (Self::Spring { low_m, high_m, .. } | Self::Rigid { low_m, high_m, .. }) = *self;
@@ -76,13 +76,13 @@ impl Travel {
         }
     }
 
-    /// Distance of a position beyond an end, m; negative inside.
+    /// Distance of a position beyond an end, in m. It is negative inside the travel.
     #[inline]
     pub fn depth_m(&self, end: End, position_m: f64) -> f64 {
         (position_m - self.end_m(end)) * end.outward()
     }
 
-    /// Inward force of a stop's spring and damper, N; 0 for rigid stops.
+    /// Inward force of a stop's spring and damper, in N. It is 0 for rigid stops.
     #[inline]
     pub fn push_n(&self, end: End, position_m: f64, speed_m_per_s: f64) -> f64 {
         match *self {
@@ -95,7 +95,7 @@ impl Travel {
     }
 
     /// # Errors
-    /// Key, value, allowed range.
+    /// One line with key, value and allowed range.
     pub fn check(&self, device: &Device) -> Result<(), String> {
         let keys = Checker("travel");
         let (low_m, high_m) = (self.end_m(End::Low), self.end_m(End::High));

@@ -42,13 +42,13 @@ pub struct PreparedScene {
     /// The wall's passivity controller, if the scene has one.
     passivity: Option<Passivity>,
     is_told: bool,
-    /// The accelerometer's readings of a hit. The readings are computed when lanes first need readings.
+    /// The accelerometer's readings of a hit. They are computed when lanes first need them.
     readings: Arc<OnceLock<Option<Readings>>>,
-    /// If the criterion needs several pushes: the scene at each push.
+    /// The scene at each push, if the criterion needs several pushes. Otherwise empty.
     pushes: Vec<PreparedScene>,
 }
 
-/// Upper bound of a handle's speed at the wall, m/s.
+/// Upper bound of the speed that a handle can have at the wall, in m/s.
 const ANY_SPEED_M_PER_S: f64 = 10.0;
 
 impl PreparedScene {
@@ -123,18 +123,18 @@ impl PreparedScene {
         Self { pushes: pushes.into_iter().map(&change).collect(), ..change(self) }
     }
 
-    /// Also computes the sensation level of every whole hit, if the length of the window allows it.
+    /// Computes the sensation level of every whole hit too, if the length of the window allows it.
     pub fn with_felt(self) -> Self {
         self.each(|of| Self { judge: of.judge.clone().with_felt(&of.scene), ..of })
     }
 
-    /// Also computes the measures of the window, for any criterion.
+    /// Computes the measures of the window too, for any criterion.
     pub fn with_measures(self) -> Self {
         self.each(|of| Self { judge: of.judge.clone().with_measures(), ..of })
     }
 
-    /// The scene with the true velocity instead of an estimate. The core itself always runs the scene. The true
-    /// velocity corresponds to a velocity sensor without noise, quantisation or delay. The counts stay the same.
+    /// Prepares the scene with the true velocity instead of an estimate. The core itself always runs such a scene. The
+    /// true velocity corresponds to a velocity sensor without noise, quantisation or delay. The counts stay the same.
     ///
     /// # Errors
     /// The errors of [`new`](Self::new).
@@ -228,13 +228,13 @@ impl PreparedScene {
         Full::new(&self.scene, hit.velocity.name().sense())
     }
 
-    /// Noise and sensor of the scene's accelerometer, for lanes. Noise and sensor are computed only once.
+    /// Sensor and noise of the scene's accelerometer, for lanes. They are computed only once.
     pub(crate) fn readings(&self) -> Option<&Readings> {
         let readings = || Full::new(&self.scene, None).readings(self.samples());
         self.readings.get_or_init(readings).as_ref()
     }
 
-    /// The core at rest at the start of the hit.
+    /// The core, at rest at the start of the hit.
     pub fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
         let count = self.first_count(hit);
         Fixed::new(&self.settings(hit), &self.design, self.plan.push, count)
@@ -258,7 +258,7 @@ impl PreparedScene {
         self.parts.encoder.count(plant.reading_m(&state, &Moment { index, before_n, after_n }))
     }
 
-    /// The measurement of energy at the port, before sample 0 of a hit.
+    /// Prepares the measurement of the energy that wall and hand exchange. No sample of the hit has run yet.
     pub(in crate::simulation) fn port_watch(&self, hit: &WallHit, surface: i32) -> PortWatch {
         let design = &self.design;
         let latency = self.scene.actuator.latency_samples();

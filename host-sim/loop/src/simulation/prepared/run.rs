@@ -1,4 +1,4 @@
-//! Runs hits of a prepared scene: to the end, or until the verdict is certain.
+//! Runs hits of a prepared scene, to the end or until the verdict is certain.
 
 use std::ops::ControlFlow;
 
@@ -23,7 +23,7 @@ use crate::{
 /// Function that gets every sample of a hit.
 pub(super) type Observer<'a> = dyn FnMut(&Sample) + 'a;
 
-/// Samples between two checks whether the verdict is certain.
+/// Number of samples between two checks whether the verdict is certain.
 const EARLY_CHECK_SAMPLES: u32 = 256;
 
 impl PreparedScene {
@@ -49,7 +49,7 @@ impl PreparedScene {
         report.ok_or(HitError::OutOfRange(0)) // never an error: each hit was run to its end
     }
 
-    /// [`hit`](Self::hit) without an observer.
+    /// The same as [`hit`](Self::hit), but without an observer.
     ///
     /// # Errors
     /// The errors of [`hit`](Self::hit).
@@ -58,7 +58,7 @@ impl PreparedScene {
         report.ok_or(HitError::OutOfRange(0)) // never an error: each hit was run to its end
     }
 
-    /// Runs a whole hit at each push that the test of the wall needs. Returns each push, N, and its report. `observe`
+    /// Runs a whole hit at each push that the test of the wall needs. Returns each push in N with its report. `observe`
     /// gets every sample of the hit with the scene's own push.
     ///
     /// # Errors
@@ -81,12 +81,12 @@ impl PreparedScene {
         self.scene.wall_hit.push_n.to_bits() == other.scene.wall_hit.push_n.to_bits()
     }
 
-    /// Whether the handle touches the wall, in the window or before the window.
+    /// Whether the handle touches the wall, before the window or in it.
     pub fn touches(&self, numeric: Numeric, hit: &WallHit) -> bool {
         self.report(numeric, hit).is_ok_and(|report| report.peak_penetration_m > 0.0)
     }
 
-    /// `observe` is a pointer, so the loops are compiled once and not for each caller.
+    /// Runs a hit with an observer. `observe` is a pointer, so the loops are compiled once and not for each caller.
     fn observed_hit(
         &self,
         numeric: Numeric,
@@ -97,7 +97,7 @@ impl PreparedScene {
         whole.ok_or(HitError::OutOfRange(0)) // never an error: the hit was run to its end
     }
 
-    /// Report of a hit. `None` as soon as the hit is certain to be unstable.
+    /// The report of a hit. The hit ends with `None` as soon as it is certain to be unstable.
     ///
     /// # Errors
     /// The errors of [`verdict`](Self::verdict).
@@ -172,7 +172,7 @@ impl PreparedScene {
     }
 
     /// Runs a whole hit. The type of the plant is selected here, once per run and outside the loop. Few scenes have
-    /// inputs beside the count. The hits of these scenes share one loop for all plants.
+    /// inputs in addition to the count. The hits of these scenes share one loop for all plants.
     fn whole_hit<C: Controller + Copy>(
         &self,
         hit: &WallHit,
@@ -194,7 +194,8 @@ impl PreparedScene {
         })
     }
 
-    /// [`whole_hit`](Self::whole_hit) for any plant and any inputs. The function is compiled once, for rare cases.
+    /// The same as [`whole_hit`](Self::whole_hit), for any plant and any inputs. The function is compiled once, for
+    /// rare cases.
     fn any_hit<C: Controller>(
         &self,
         hit: &WallHit,
@@ -210,7 +211,7 @@ impl PreparedScene {
         self.run_whole(hit, simulation, observe, bounded)
     }
 
-    /// The verdict with any controller. The controller must be at rest at the hit's start.
+    /// The verdict of a hit with any controller. The controller must be at rest at the hit's start.
     pub fn early_verdict<C: Controller + Copy>(
         &self,
         hit: &WallHit,
@@ -222,8 +223,8 @@ impl PreparedScene {
         self.counted(hit, controller, true).map(|(verdict, _)| verdict)
     }
 
-    /// Verdict of a whole hit, and the RMS of its counts, m. The function needs half the time of
-    /// [`report`](Self::report). `None` if the verdict needs more than counts.
+    /// The verdict of a whole hit, and the RMS of its counts in m. The function needs half the time of
+    /// [`report`](Self::report). Returns `None` if the verdict needs more than counts.
     ///
     /// # Errors
     /// The errors of [`verdict`](Self::verdict).
@@ -361,7 +362,7 @@ fn deciding(
     Ok(worst)
 }
 
-/// The verdict from a bounded run. `None` means that the hit is certain to be unstable.
+/// The verdict that a bounded run gives. `None` means that the hit is certain to be unstable.
 fn judged(bounded: Option<HitReport>) -> Verdict {
     bounded.map_or(Verdict::Unstable, |report| report.verdict)
 }

@@ -28,18 +28,18 @@ use crate::{
     },
 };
 
-/// Time of a tap from its start to the wall, s.
+/// Time from the start of a tap until the handle reaches the wall, in s.
 const TO_WALL_S: f64 = 0.05;
-/// Frequencies of a hand's sway, Hz.
+/// Frequencies of a hand's sway in Hz.
 const SWAY_HZ: [f64; 3] = [0.7, 1.9, 4.3];
-/// Frequency above which a wall must be quiet under a hand's push, Hz.
+/// Frequency above which a wall must be quiet under a hand's push, in Hz.
 const REST_HZ: f64 = 20.0;
 /// Degree of the polynomial that is subtracted from the motion of a tapped wall. In a window of a tenth of a second the
 /// polynomial follows motion up to about 25 Hz.
 const DEGREE: usize = 5;
 
-/// Start position of a tap, m. From rest at this position, the push moves the handle to the wall in [`TO_WALL_S`]. If
-/// the scene's start position is nearer to the wall, the tap starts there.
+/// Start position of a tap, in m. From rest at this position, the push moves the handle to the wall in [`TO_WALL_S`].
+/// If the scene's start position is nearer to the wall, the tap starts there.
 pub(super) fn tap_start_m(scene: &Scene, plant: &AnyPlant) -> f64 {
     let push_n = scene.push_n(PushBy::Motor); // a hand's push is part of the plant
     let (wall_m, start_m) = (scene.wall.position_m, scene.device.start_position_m);
@@ -70,7 +70,7 @@ impl Push {
         }
     }
 
-    /// Push at this time, divided by the scene's push.
+    /// The push at this time, divided by the scene's push.
     fn share(&self, time_s: f64, position_m: f64, speed_m_per_s: f64) -> f64 {
         match self {
             Self::Taps { .. } if is_pressed(time_s) => 1.0,
@@ -94,7 +94,8 @@ fn is_pressed(time_s: f64) -> bool {
 struct Seen {
     counts: Vec<i32>,
     positions_m: Vec<f64>,
-    /// Three numbers for each output: the index of its sample; the output and the push, as fractions of full scale.
+    /// Each entry is one output: the index of its sample, the output and the push. The last two are fractions of full
+    /// scale.
     outputs: Vec<(usize, f64, f64)>,
 }
 
@@ -107,7 +108,7 @@ impl Seen {
         self.positions_m.push(sample.position_m);
     }
 
-    /// The second half of the samples.
+    /// Drops the first half of the samples, and keeps the second half.
     fn half(mut self) -> Self {
         let half = self.counts.len() / 2;
         self.counts.drain(..half);
@@ -163,7 +164,8 @@ impl PreparedScene {
             }
             let begun = index >= self.plan.settle;
             if taps {
-                // from the first contact to the end of the push, even if contact is lost in between
+                // The contact lasts from the first touch to the end of the push, even if the handle leaves the wall in
+                // between.
                 let contact = !seen.counts.is_empty() || sample.count > surface;
                 if begun && is_pressed(time_s) && contact {
                     seen.push(&sample);
@@ -210,8 +212,8 @@ impl PreparedScene {
         }
     }
 
-    /// The worse of two taps. An unstable tap is worse than a stable tap. Of two stable taps, the tap with the larger
-    /// RMS of the criterion is worse.
+    /// Selects the worse of two taps. An unstable tap is worse than a stable tap. Of two stable taps, the tap whose RMS
+    /// is larger is worse. The criterion selects the signal of this RMS.
     fn worse(&self, kept: Option<HitReport>, next: HitReport) -> HitReport {
         let loud = |report: &HitReport| match self.scene.wall_hit.criterion {
             Criterion::Quiet => report.force_rms_n,
@@ -280,7 +282,8 @@ fn held(outputs: &[(usize, f64, f64)], samples: usize) -> Vec<f64> {
         .collect()
 }
 
-/// RMS of values about the best-fitting polynomial of [`DEGREE`]. The calculation uses orthogonal polynomials.
+/// RMS of the values, relative to the polynomial of [`DEGREE`] that fits best. The calculation uses orthogonal
+/// polynomials.
 fn about_polynomial(mut values: Vec<f64>) -> f64 {
     let length = values.len();
     let degree = DEGREE.min(length / 4); // a lower degree for few values

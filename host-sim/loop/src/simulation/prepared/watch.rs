@@ -9,7 +9,7 @@ use zwidth::{
 
 use crate::simulation::{Block, Output, hit::HitError, window::Watch};
 
-/// Sums for the core's verdict of a hit.
+/// The sums from which the core computes the verdict of a hit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Judged {
     plan: HitPlan,
@@ -20,7 +20,7 @@ pub(super) struct Judged {
     scatter: RunningVariance,
 }
 
-/// Limit of counts. Below this limit, the sum of the squared differences of a block's counts fits into 64 bits.
+/// If all counts are below this limit, the sum of the squared differences of a block's counts fits into 64 bits.
 const NEAR: u32 = 1 << 26;
 
 #[inline]
@@ -95,19 +95,19 @@ impl Judged {
 #[derive(Clone, Debug)]
 pub(super) struct Shown {
     pub watch: Watch,
-    /// Positions in the window, m; only stored if `listens`.
+    /// Positions in the window, in m. They are only stored if `listens` is set.
     pub motion: Vec<f64>,
     listens: bool,
     pub outputs: u32,
     pub saturated: u32,
     pub deepest_m: f64,
-    /// Samples at which the count changed by more than the core's velocity can represent.
+    /// Number of samples whose count changed by more than the core's velocity can represent.
     pub clipped: u32,
     pub last: i32,
 }
 
 impl Shown {
-    /// Sums before sample 0, for a handle at rest at the count `last`.
+    /// Empty sums before sample 0, for a handle at rest at the count `last`.
     pub fn new(listens: bool, last: i32) -> Self {
         let (outputs, saturated, clipped, deepest_m) = (0, 0, 0, f64::NEG_INFINITY);
         let (watch, motion) = (Watch::default(), vec![]);

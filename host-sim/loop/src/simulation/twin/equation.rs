@@ -10,7 +10,8 @@ use zwidth::{
 
 use super::{foaw::Foaw, levant::Levant};
 
-/// The equation of an estimator, from differences of counts to a velocity. The state is stored separately.
+/// The equation of an estimator. Its inputs are differences of counts, its output is a velocity. The state is stored
+/// separately.
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::large_enum_variant, reason = "copied once per run")]
 pub enum Equation {
@@ -33,17 +34,17 @@ pub enum Equation {
     Levant(Levant),
 }
 
-/// `y = b[0] x + b[1] x1 + b[2] x2 - a[0] y1 - a[1] y2`, the form of all common estimators.
+/// `y = b[0] x + b[1] x1 + b[2] x2 - a[0] y1 - a[1] y2`: all common estimators have this form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowPass {
     pub b: [f64; 3],
     pub a: [f64; 2],
-    /// Number of past samples in the equation. Coefficients of older samples are 0.
+    /// Number of past samples that the equation uses. Coefficients of older samples are 0.
     pub order: usize,
 }
 
 impl LowPass {
-    /// Returns the difference without filtering.
+    /// The low-pass that returns its input, the difference, without filtering.
     const NOTHING: Self = Self { b: [1.0, 0.0, 0.0], a: [0.0; 2], order: 0 };
 }
 

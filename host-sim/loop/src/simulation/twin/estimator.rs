@@ -1,4 +1,4 @@
-//! The estimators in `f64`, which run the [equations](Equation).
+//! The estimators in `f64`. They run the [equations](Equation).
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
@@ -18,7 +18,7 @@ use super::{
 /// An estimator in `f64`. Velocities are in counts per sample.
 #[derive(Clone, Copy, Debug)]
 pub struct TwinEstimator {
-    /// One form for all common estimators, small enough for the registers.
+    /// The form that all common estimators have. It is small enough for the processor's registers.
     low_pass: Option<Section>,
     equation: Equation,
     memory: Memory,
@@ -32,7 +32,7 @@ struct Memory {
     outputs: [f64; 2],
 }
 
-/// State of all other estimators.
+/// State of the estimators that are not a [`Section`].
 #[derive(Clone, Copy, Debug)]
 struct Rest {
     /// Last differences, newest first.
@@ -47,7 +47,7 @@ struct Rest {
     newest: u8,
 }
 
-/// A [`LowPass`] in the form of its calculation: `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`.
+/// A [`LowPass`] in the form in which it is computed: `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Section {
     pub past: [f64; 2],
@@ -75,12 +75,12 @@ impl Section {
 }
 
 impl TwinEstimator {
-    /// The form of the common estimators. `None` for other estimators.
+    /// The estimator as a [`Section`], the form of the common estimators. `None` for all other estimators.
     pub(crate) fn low_pass(&self) -> Option<Section> {
         self.low_pass
     }
 
-    /// The estimator of these settings, at rest.
+    /// Makes an estimator with these settings, at rest.
     ///
     /// # Errors
     /// A parameter is out of range.

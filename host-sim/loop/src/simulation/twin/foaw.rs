@@ -7,14 +7,14 @@ pub struct Foaw {
     /// Whether the line is the least-squares fit to all samples of the window. Otherwise the line goes through the two
     /// ends of the window.
     pub best: bool,
-    /// Longest window, samples.
+    /// Length of the longest window, in samples.
     pub window: u32,
-    /// Noise bound: largest allowed distance from the line, counts.
+    /// Noise bound in counts: a sample may be this far from the line.
     pub noise: f64,
 }
 
 impl Foaw {
-    /// The noise bound is rounded to 1/16 count, as the documentation of the setting says.
+    /// Rounds the noise bound to 1/16 count, as the documentation of the setting says.
     pub(super) fn new(best: bool, window: u32, noise_counts: f64) -> Self {
         Self { best, window, noise: (16.0 * noise_counts).round() / 16.0 }
     }
@@ -44,7 +44,7 @@ impl Foaw {
         velocity
     }
 
-    /// Slope over `i` samples as a fraction: numerator and denominator.
+    /// Slope over `i` samples, as numerator and denominator of a fraction.
     fn slope(&self, s: &[f64; LENGTH], i: u32) -> (f64, f64) {
         let n = f64::from(i);
         if self.best {

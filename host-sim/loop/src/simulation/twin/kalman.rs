@@ -2,7 +2,7 @@
 
 use zwidth::velocity::KalmanDesign;
 
-/// Estimated position minus count, velocity and acceleration, in counts and samples.
+/// Estimated position minus count, estimated velocity and estimated acceleration. The units are counts and samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct KalmanState {
     distance: f64,

@@ -2,14 +2,14 @@
 
 use zwidth::velocity::LevantDesign;
 
-/// Parameters, in counts and samples.
+/// The parameters of the differentiator. The units are counts and samples.
 #[derive(Clone, Copy, Debug)]
 pub struct Levant {
     pub implicit: bool,
     pub sizes: LevantDesign,
 }
 
-/// Predicted position at the next sample minus the count, and u1.
+/// The predicted position at the next sample minus the count, and the differentiator's state u1.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LevantState {
     ahead: f64,

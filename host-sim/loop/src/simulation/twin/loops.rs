@@ -8,7 +8,8 @@ use zwidth::velocity::{ObserverDesign, TrackingLoop};
 /// A state below this value is set to zero, because subnormal numbers would make the loop slow.
 const FLUSH_BELOW: f64 = 1e-30;
 
-/// `x - x^`, v^ and d^, in counts and samples. The tracking loop has no d^.
+/// The state: position error `x - x^`, velocity v^ and disturbance d^, in counts and samples. The tracking loop has no
+/// d^.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Loop {
     error: f64,
@@ -25,7 +26,7 @@ impl Loop {
         self.velocity + gains.lead * (self.velocity - before)
     }
 
-    /// Updates the state with a sample. `known` is the known acceleration, counts per sample^2.
+    /// Updates the state with a sample. `known` is the known part of the acceleration, in counts per sample^2.
     pub fn observe(&mut self, design: &ObserverDesign, difference: f64, known: f64) -> f64 {
         let [l1, l2, l3] = design.gains;
         let acceleration = known + self.disturbance;

@@ -30,7 +30,7 @@ const LENGTH: usize = WINDOW_MAX as usize;
 /// Whether the twin rounds its velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rounding {
-    /// Only the rounding of `f64`.
+    /// The twin only rounds as `f64` does.
     Exact,
     /// The output of the filter is rounded to the LSB of fixed point, 2^-16 counts per sample. The state of the filter
     /// is not rounded. A fixed-point filter with this output format changes the velocity at least as much.
@@ -44,9 +44,9 @@ pub struct Twin {
     velocity: f64,
     count: i32,
     surface: i32,
-    /// Fraction of full scale per count.
+    /// Force per depth, as a fraction of full scale per count.
     stiffness: f64,
-    /// Fraction of full scale per count per sample.
+    /// Force per speed, as a fraction of full scale per count per sample.
     damping: f64,
     push_only: bool,
     push: f64,
@@ -59,7 +59,7 @@ pub struct Twin {
 pub(crate) const ROUND_TO_LSB: f64 = 1.5 * (1u64 << 36) as f64;
 
 impl Twin {
-    /// The twin of a core with these settings, at rest at `count`. `push` is a fraction of full scale.
+    /// The twin of a core that has these settings and is at rest at `count`. `push` is a fraction of full scale.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -96,12 +96,12 @@ impl Twin {
 }
 
 impl Twin {
-    /// The form of the common estimators. `None` for other estimators.
+    /// The estimator as a [`Section`], the form of the common estimators. `None` for all other estimators.
     pub(crate) fn low_pass(&self) -> Option<Section> {
         self.estimator.low_pass()
     }
 
-    /// Stiffness and damping, fraction of full scale per count and per count per sample.
+    /// Stiffness and damping. They are fractions of full scale per count, and per count per sample.
     pub(crate) fn wall_gains(&self) -> [f64; 2] {
         [self.stiffness, self.damping]
     }

@@ -4,12 +4,12 @@ use zwidth::velocity::{Edge, SPAN_MAX};
 
 /// Number of stored edges: one for each sample of the longest span, and one older edge.
 const LENGTH: usize = SPAN_MAX as usize + 2;
-/// Number of samples without an edge after which the handle is at rest.
+/// After this number of samples without an edge, the handle counts as at rest.
 const STANDSTILL: f64 = 32_768.0;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Stamps {
-    /// Time in samples and position in counts of each edge, newest first.
+    /// Each entry is an edge: its time in samples and its position in counts. The newest edge is first.
     edges: [[f64; 2]; LENGTH],
     known: usize,
     now: f64,
@@ -29,7 +29,7 @@ impl Stamps {
             Some(edge) if difference != 0 || edge.age < Edge::SAMPLE => {
                 Some((f64::from(edge.age.min(Edge::SAMPLE - 1)) / sample, edge.up))
             }
-            // the age of the edge is unknown: assume half the time of one count
+            // the age of the edge is unknown, so half the time of one count is assumed
             None if difference != 0 => {
                 let age = 0.5 / f64::from(difference).abs();
                 Some(((age * sample).floor() / sample, difference > 0))

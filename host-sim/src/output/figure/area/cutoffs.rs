@@ -1,4 +1,4 @@
-//! The cutoff axes of the area figure: ticks, and numbers where there is space.
+//! The cutoff axes of the area figure. They have a tick at each cutoff, and a number where there is space.
 
 use crate::notation::number;
 use std::ops::Range;
@@ -21,10 +21,11 @@ use super::{
 };
 
 const CUTOFF_SIZE: f64 = 11.0;
-/// Distance from the frame to the middle of the first row of numbers. The distance between rows is the same.
+/// Distance from the frame to the middle of the first row of numbers. The next constant is the distance from one row to
+/// the next.
 pub(super) const ROW_DROP: f64 = 12.5;
 pub(super) const ROW_PITCH: f64 = 13.0;
-/// Number of rows. If no row has space for the number of a cutoff, the cutoff has only a tick.
+/// Number of rows of numbers. If no row has space for the number of a cutoff, the cutoff has only a tick.
 const MOST_ROWS: usize = 2;
 /// Smallest space between two numbers in a row.
 const LABEL_SPACE: f64 = 4.0;
@@ -34,8 +35,8 @@ const TICK_WIDTH: f64 = 1.0;
 /// to other numbers.
 const LEADER: RGBColor = RGBColor(190, 190, 190);
 
-/// Space left and right of the outermost cutoffs, as a fraction of the axis. `LEAST_PAD` is the smallest space, as a
-/// factor of the cutoff.
+/// Space left and right of the outermost cutoffs, as a fraction of the axis. The space is at least the factor
+/// `LEAST_PAD` of the cutoff.
 const PAD_SHARE: f64 = 0.04;
 const LEAST_PAD: f64 = 1.06;
 const LONE_PAD: f64 = 2.0;
@@ -51,7 +52,7 @@ pub(super) fn cutoff_range(points: &[AreaPoint]) -> Range<f64> {
     low / pad..high * pad
 }
 
-/// The numbers at a cutoff: the nominal cutoff below the plot, the true cutoff above the plot.
+/// The two numbers at a cutoff. The nominal cutoff is below the plot, the true cutoff is above the plot.
 pub(super) struct Label {
     x: f64,
     cutoff_hz: f64,
@@ -85,8 +86,8 @@ impl Label {
     }
 }
 
-/// Assigns labels to rows without overlap. Order: ideal cutoff, ends of the axis, ends of the ideal range, round
-/// numbers.
+/// Gives each label a row without overlap. The labels are placed in this order: ideal cutoff, ends of the axis, ends of
+/// the ideal range, round numbers.
 pub(super) fn labels(plot: &AreaPlot) -> Vec<Label> {
     let ends = [plot.points.first(), plot.points.last()];
     let rank = |label: &Label| {

@@ -1,4 +1,4 @@
-//! The area figure: Z-width area over cutoff.
+//! The area figure, which shows the Z-width area over the cutoff.
 
 use plotters::{
     coord::{
@@ -27,19 +27,19 @@ use super::{
 };
 
 const LEFT: f64 = 56.0;
-/// Top of the plot if one row of numbers is above the plot.
+/// Top of the plot, if only one row of numbers is above it.
 const TOP: f64 = 112.0;
 const RIGHT: f64 = WIDTH - MARGIN - 8.0;
 const PLOT_HEIGHT: f64 = 220.0;
 const MOST_TICKS: usize = 7;
-/// Space between the mark of the largest area and the frame.
+/// The axis reaches at least this factor of the largest value, so that the mark of the largest area is inside the frame.
 const HEADROOM: f64 = 1.03;
 
 const KEY_MIDDLE: f64 = 60.0;
 const KEY_SWATCH: f64 = 20.0;
 const KEY_GAP: f64 = 6.0;
 const KEY_SPACE: f64 = 16.0;
-/// Distance from the uppermost row of numbers up to the title of the upper axis.
+/// Height of the upper axis title above the uppermost row of numbers.
 const TOP_TITLE_RISE: f64 = 16.0;
 const CAPTION_DROP: f64 = 52.0;
 const CAPTION_PITCH: f64 = 16.0;
@@ -53,14 +53,13 @@ const IDEAL_RADIUS: f64 = 6.0;
 const IDEAL_HOLE: f64 = 4.2;
 const BAND_OPACITY: f64 = 0.18;
 const RANGE_OPACITY: f64 = 0.13;
-/// Distance from the end of the shaded range to the outermost cutoff in the range, so that all points of the range are
-/// inside.
+/// The shaded range extends this far beyond its outermost cutoffs, so that all their points are inside.
 const RANGE_MARGIN: f64 = 6.0;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct AreaPlot {
     pub title: String,
-    /// Second line: scene, resolution, and other facts that identify the run.
+    /// The second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
     pub units: Units,
     /// One point per cutoff, in ascending order of the cutoff.
@@ -68,9 +67,9 @@ pub struct AreaPlot {
     pub ideal_cutoff_hz: Option<f64>,
     /// First and last nominal cutoff of the shaded range.
     pub ideal_range_hz: Option<[f64; 2]>,
-    /// Names of the shaded range and of the marked cutoff.
+    /// Names of the shaded range and of the cutoff that is marked.
     pub names: [&'static str; 2],
-    /// Meaning of the cutoff as a sentence below the axis.
+    /// What the cutoff means, as a sentence below the axis.
     pub convention: String,
 }
 
@@ -81,10 +80,10 @@ impl AreaPlot {
     pub const DIAL_IN: [&str; 2] = ["as good", "dial in"];
 }
 
-/// The result for one cutoff, over its repeats.
+/// The result for one cutoff. It summarises the repeats.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct AreaPoint {
-    /// Nominal cutoff of the filter, Hz.
+    /// Nominal cutoff of the filter in Hz.
     pub cutoff_hz: f64,
     /// Frequency at which the discrete filter's gain is -3 dB.
     pub true_cutoff_hz: f64,
@@ -103,7 +102,7 @@ pub struct AreaPoint {
     pub damping_max_n_s_per_m: f64,
 }
 
-/// Draws the area, from 0, over the logarithm of the cutoff. The upper axis has the true frequencies.
+/// Draws the area over the logarithm of the cutoff. The area axis starts at 0. The upper axis has the true frequencies.
 ///
 /// # Errors
 /// [`FigureError`] if an area is NaN, infinite or negative, or a cutoff is not greater than 0.
@@ -283,7 +282,7 @@ mod tests {
     use super::*;
     use crate::output::figure::testing::{check as look, text_boxes};
 
-    /// Areas of a run at 1 µm.
+    /// Areas of a run with a resolution of 1 µm.
     const AREAS: [(f64, f64, f64); 6] = [
         (50.0, 50.0, 6.8e5),
         (500.0, 496.0, 2.65e7),
