@@ -134,7 +134,7 @@ fn prepared_of(samples: u64) -> PreparedScene {
     PreparedScene::new(&scene).unwrap()
 }
 
-/// Processor time of one thread for `hits` hits, s.
+/// Processor time of one thread for `hits` hits, in s.
 fn cost_of(prepared: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
     let hit = |number: u64| WallHit {
         velocity: FILTER,
@@ -170,16 +170,16 @@ fn cost_of(prepared: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
     }
 }
 
-/// Shortest time of a measurement, s. The system counts a thread's time in ticks of some milliseconds.
+/// Shortest time of a measurement, in s. The system counts a thread's time in ticks of some milliseconds.
 const ENOUGH_S: f64 = 0.3;
 
-/// Processor time of this thread so far, s. Other work on the machine does not count.
+/// Processor time of this thread so far, in s. Other work on the machine does not count.
 fn processor_s() -> f64 {
     let text = fs::read_to_string("/proc/thread-self/schedstat").unwrap();
     text.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-9
 }
 
-/// Peak memory of this process so far, MB.
+/// Peak memory of this process so far, in MB.
 fn peak_mb() -> f64 {
     let text = fs::read_to_string("/proc/self/status").unwrap();
     let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();

@@ -95,7 +95,7 @@ fn simulator() -> PathBuf {
     here.ancestors().nth(2).unwrap().join("host-sim")
 }
 
-/// Processor time of all child processes that have ended, s.
+/// Processor time of all child processes that have ended, in s.
 fn children_s() -> f64 {
     const TICKS_PER_S: f64 = 100.0; // Linux uses this unit on every machine
     let text = fs::read_to_string("/proc/self/stat").unwrap();
@@ -103,7 +103,7 @@ fn children_s() -> f64 {
     fields.skip(13).take(2).map(|ticks| ticks.parse::<f64>().unwrap()).sum::<f64>() / TICKS_PER_S
 }
 
-/// Processor time of `child`, s.
+/// Processor time of `child`, in s.
 fn timed(child: impl FnOnce()) -> f64 {
     let before_s = children_s();
     child();

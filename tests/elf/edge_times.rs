@@ -28,10 +28,10 @@ each_board!(an_image_without_the_estimator_does_not_know_it);
 
 /// The board that captures edges.
 const NUCLEO: Board = NUCLEO_F446RE;
-/// Speed of one count per sample in the scene, m/s.
+/// Speed of one count per sample in the scene, in m/s.
 const PER_SAMPLE_M_PER_S: f64 = 1e-6 * 1e4;
 const SPAN: u32 = 8;
-/// Number of simulated hits. `AWAY` is the distance between the first and the last start, counts. A return move ends
+/// Number of simulated hits. `AWAY` is the distance between the first and the last start, in counts. A return move ends
 /// within 50 counts of the start.
 const STARTS: u8 = 200;
 const AWAY: f64 = 100.0;
@@ -186,7 +186,7 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
     assert!(near > 100, "{near}");
 }
 
-/// Largest shift of a sample's time, core cycles. `TICK` is a tick of the capturing timer.
+/// Largest shift of a sample's time, in core cycles. `TICK` is a tick of the capturing timer.
 const JITTER: f64 = 8.0;
 const TICK: f64 = 2.0;
 

@@ -26,13 +26,13 @@ each_board!(
     ignored: "seconds of a flood; CI runs it"
 );
 
-/// Longest time from one feeding of the watchdog to the next, s.
+/// Longest time from one feeding of the watchdog to the next, in s.
 const FED_S: f64 = 0.02;
 /// Largest fraction of the time that `link` may take.
 const LOAD: f64 = 0.3;
-/// Longest time from the sampling event to the write of the force, s: the logger masks, then `render` runs.
+/// Longest time from the sampling event to the write of the force, in s: the logger masks, then `render` runs.
 const OUTPUT_S: f64 = 80e-6;
-/// Longest time from the last byte of `disarm`, in a full channel, until enable is inactive, s (docs/faults.md).
+/// Longest time from the last byte of `disarm`, in a full channel, until enable is inactive, in s (docs/faults.md).
 const BEHIND_S: f64 = 0.4;
 /// Samples for which the host sends: twice the watchdog's time.
 const SENDS: u64 = 1_000;
@@ -106,7 +106,7 @@ impl Host<'_> {
     }
 
     /// Ends the present line and sends `disarm` as room becomes free. Returns the time from the last byte of `disarm`
-    /// until enable is inactive, s.
+    /// until enable is inactive, in s.
     fn disarm(self, world: &mut World<'_>) -> f64 {
         let begun = self.bytes[self.at..].split_inclusive(|byte| *byte == b'\n').next();
         let ends = begun.filter(|line| line.ends_with(b"\n")).unwrap_or(b"\n");

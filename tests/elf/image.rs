@@ -31,7 +31,7 @@ each_board!(a_pass_ends_in_time_whatever_the_host_does, ignored: "seconds of a f
 const RECORD: u32 = 0x0800_C000;
 /// Vector of an interrupt that never comes.
 const UNUSED_VECTOR: u32 = 0x0800_0000 + 4 * 60;
-/// Longest time of one complete image check, samples.
+/// Longest time of one complete image check, in samples.
 const PASS: u64 = 1_000;
 /// Samples until a board has booted, also after a reset by the watchdog.
 const BOOT: u64 = 200;

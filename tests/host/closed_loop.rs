@@ -118,7 +118,7 @@ fn taylor(scene: &Scene, [x, v]: [f64; 2], force_n: f64, dt: f64) -> [f64; 2] {
 
 #[test]
 fn a_fractional_latency_is_exact() {
-    /// Largest difference by rounding, m, between two ways to compute the same 60,000 steps. The loop is stable, so
+    /// Largest difference by rounding, in m, between two ways to compute the same 60,000 steps. The loop is stable, so
     /// errors decay.
     const POSITION_ERROR_MAX_M: f64 = 1e-12;
     for latency in [0.3, 10.3, 7.75] {

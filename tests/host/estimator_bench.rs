@@ -36,7 +36,7 @@ impl Run {
         Self { estimator, state: State::at_rest(Position::from_counts(count)) }
     }
 
-    /// Velocity after this count, counts per sample.
+    /// Velocity after this count, in counts per sample.
     pub fn at(&mut self, count: i64) -> f64 {
         let position = Position::from_counts(count as i32);
         let velocity = self.estimator.update(&mut self.state, position, &Senses::default());
@@ -44,7 +44,7 @@ impl Run {
     }
 }
 
-/// Response of a linear estimator to one count in the position, counts per sample.
+/// Response of a linear estimator to one count in the position, in counts per sample.
 pub fn response_to_a_position(settings: &VelocitySettings) -> Vec<f64> {
     response_of(&transfer_function(settings, &DESIGN).unwrap().unwrap())
 }
@@ -67,7 +67,7 @@ pub fn speeds() -> Vec<f64> {
     speeds
 }
 
-/// Delay behind the true velocity in a chirp, samples: the shift with the best fit.
+/// Delay behind the true velocity in a chirp, in samples: the shift with the best fit.
 pub fn delay_over_a_chirp(
     settings: &VelocitySettings,
     amplitude: f64,
@@ -109,8 +109,8 @@ impl Random {
     }
 }
 
-/// Largest difference of core and twin in 20 random motions, and the fastest speed, LSB. `push` is the largest change
-/// of speed per sample, counts per sample^2.
+/// Largest difference of core and twin in 20 random motions, and the fastest speed, in LSB. `push` is the largest
+/// change of speed per sample, counts per sample^2.
 pub fn twin_over_random_motion(settings: &VelocitySettings, push: f64) -> (f64, f64) {
     let (mut worst, mut fastest) = (0f64, 0f64);
     for seed in 1..=20 {
@@ -154,7 +154,7 @@ pub fn pieces() -> impl Strategy<Value = Pieces> {
 }
 
 /// Moves by these pieces from `start`, with every speed in range. Then stands still for `wait` samples. Returns the
-/// largest speed in the next 100 samples, counts per sample.
+/// largest speed in the next 100 samples, in counts per sample.
 pub fn rest_after(settings: &VelocitySettings, start: i32, pieces: &Pieces, wait: usize) -> f64 {
     let mut run = Run::new(settings, start);
     let mut count = i64::from(start);
@@ -183,7 +183,7 @@ pub struct Motion<F> {
     edge: Option<Edge>,
 }
 
-/// Values of one sample for core and twin, counts per sample.
+/// Values of one sample for core and twin, in counts per sample.
 pub struct Seen {
     pub core: f64,
     pub twin: f64,
@@ -247,7 +247,7 @@ pub fn reads_zero_after_a_stop(settings: &VelocitySettings, wait: i64) {
     }
 }
 
-/// Largest difference of core and twin, LSB, for a sum of sines under random forces; and the fastest speed, LSB.
+/// Largest difference of core and twin, in LSB, for a sum of sines under random forces; and the fastest speed, in LSB.
 pub fn twin_is_off_by(settings: &VelocitySettings, steps: &[(f64, f64)], speed: f64) -> (f64, f64) {
     let at = |t: f64| {
         let mut x = 0.3;

@@ -36,8 +36,8 @@ fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
     values.iter().map(|&value| name.defaults().with_tuning(value)).collect()
 }
 
-/// Largest documented error at constant speed, counts per sample. `whole`: for whole counts per sample; otherwise for
-/// any speed.
+/// Largest documented error at constant speed, in counts per sample. `whole`: for whole counts per sample; otherwise
+/// for any speed.
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole => 0.0,
@@ -64,8 +64,8 @@ fn settling(settings: &VelocitySettings) -> usize {
     }
 }
 
-/// Rounding error of the output, LSB. A low-pass adds the rounding residue of a sample to the next sample, so the error
-/// may reach a whole LSB.
+/// Rounding error of the output, in LSB. A low-pass adds the rounding residue of a sample to the next sample, so the
+/// error may reach a whole LSB.
 fn rounding_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::Butterworth { .. } | VelocitySettings::FirstOrder { .. } => 1.0,
@@ -177,7 +177,7 @@ fn the_stated_delay_is_that_over_a_chirp() {
     }
 }
 
-/// Largest documented difference from the twin, LSB of 2^-16 counts per sample. `fastest` is the largest speed, LSB.
+/// Largest documented difference from the twin, LSB of 2^-16 counts per sample. `fastest` is the largest speed, in LSB.
 fn stated_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
     match *settings {
         VelocitySettings::Difference {} => 0.0,

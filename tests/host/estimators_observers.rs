@@ -235,7 +235,7 @@ fn fusion_rejects_the_bias_and_follows_without_delay() {
     assert!(worst < 0.01 * 300.0 * w, "{worst}");
 }
 
-/// Largest difference of core and twin in random motion, LSB, at speeds up to `fastest` LSB.
+/// Largest difference of core and twin in random motion, in LSB, at speeds up to `fastest` LSB.
 ///
 /// The core computes the tracking loop as a low-pass with coefficients of 30 fractional bits. The sum ki of these
 /// coefficients has an error of up to 2^-31. This changes the response by a fraction of up to 2 * 2^-31 / ki, and the

@@ -41,8 +41,8 @@ fn c(acceleration_max_m_per_s2: f64) -> f64 {
     acceleration_max_m_per_s2 / (DESIGN.resolution_m * DESIGN.rate_hz * DESIGN.rate_hz)
 }
 
-/// Largest documented error at constant speed, counts per sample. `whole`: for whole counts per sample; otherwise for
-/// any speed.
+/// Largest documented error at constant speed, in counts per sample. `whole`: for whole counts per sample; otherwise
+/// for any speed.
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole && !chatters(settings) => 0.0,
@@ -268,7 +268,7 @@ fn the_kalman_filters_respond_as_their_transfer_functions() {
     println!("worst relative error of the response: {worst:.2e}");
 }
 
-/// Largest documented difference from the twin, LSB.
+/// Largest documented difference from the twin, in LSB.
 fn stated_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => 0.5,

@@ -214,7 +214,7 @@ fn control(cutoff_hz: f64, rate_hz: f64) -> zwidth::LoopParameters {
 
 #[test]
 fn at_constant_speed_the_sum_of_the_output_follows_the_sum_of_the_input_for_ever() {
-    /// Largest span of the output, counts. The counts have a ripple of one count. The filter hardly increases this
+    /// Largest span of the output, in counts. The counts have a ripple of one count. The filter hardly increases this
     /// ripple.
     const SPAN_MAX_COUNTS: f64 = 1.1;
     const SAMPLES: i64 = 1_000_000;

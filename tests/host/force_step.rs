@@ -363,7 +363,7 @@ fn tuned() -> impl Strategy<Value = VelocitySettings> {
 }
 
 /// Overshoot of an estimator after a step of speed, as a multiple of the speed. Returns also the delay after a step of
-/// acceleration, samples: the largest error minus one count, divided by the acceleration.
+/// acceleration, in samples: the largest error minus one count, divided by the acceleration.
 fn swings(control: &LoopParameters) -> [f64; 2] {
     const SPEED: f64 = 100.0;
     const ACCELERATION: f64 = 0.1;

@@ -13,7 +13,7 @@ use host_sim::{
 use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 use rayon::prelude::*;
 
-/// Longest step of the integration, s.
+/// Longest step of the integration, in s.
 const STEP_S: f64 = 2e-4;
 /// Number of bisections of a step to find a reversal.
 const HALVINGS: usize = 50;
@@ -30,7 +30,7 @@ struct Exact {
     pub offset: f64,
     /// Force that is periodic in the position.
     pub cogging: Wave,
-    /// Periodic error of the encoder, m.
+    /// Periodic error of the encoder, in m.
     pub phase: Wave,
     pub gain: f64,
     pub count: f64,

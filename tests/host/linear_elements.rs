@@ -18,9 +18,9 @@ use zwidth::VelocitySettings;
 const AMPLIFIER: Amplifier = Amplifier { bandwidth_hz: 400.0 };
 const MODE: Mode = Mode { mass_kg: 0.15, stiffness_n_per_m: 6e4, damping_n_s_per_m: 4.0 };
 const WALL_M: f64 = 0.07;
-/// Depth at which the handle rests in the wall, m. The handle never leaves the wall.
+/// Depth at which the handle rests in the wall, in m. The handle never leaves the wall.
 const DEPTH_M: f64 = 1e-3;
-/// Distance of the start from the rest position, m.
+/// Distance of the start from the rest position, in m.
 const DEFLECTION_M: f64 = 1e-4;
 const ARM: Arm = Arm {
     mass_kg: 1.2,

@@ -14,7 +14,7 @@ use host_sim::{
 };
 use zwidth::VelocitySettings;
 
-/// Area of one cell of the walk's grid, N^2 s/m^2.
+/// Area of one cell of the walk's grid, in N^2 s/m^2.
 const CELL: f64 = 2000.0 * 10.0;
 const SCENES: [&str; 2] = ["paper-1um", "paper-2um"];
 const REPEATS: u32 = 4;

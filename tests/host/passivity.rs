@@ -16,11 +16,11 @@ use crate::figure::figure;
 /// A hit, and values that only a simulator knows.
 struct Seen {
     report: HitReport,
-    /// Largest change of the counts' motion, counts. The controller's limit must allow this change.
+    /// Largest change of the counts' motion, in counts. The controller's limit must allow this change.
     change: f64,
-    /// Smallest energy that the acting force has exchanged with the true motion in a contact, J.
+    /// Smallest energy that the acting force has exchanged with the true motion in a contact, in J.
     given_true_j: f64,
-    /// Sum over all changes of the force: the change times one count, J.
+    /// Sum over all changes of the force: the change times one count, in J.
     unseen_j: f64,
     outputs: u32,
 }

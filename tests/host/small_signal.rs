@@ -59,7 +59,7 @@ fn grows(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64, stiffness_n_per_m
     sizes_m[sizes_m.len() - 1] > sizes_m[CHUNKS_PER_SECOND as usize]
 }
 
-/// Half of the motion's range, m.
+/// Half of the motion's range, in m.
 fn size_m(simulation: &mut Simulation<Fixed>, samples: u32) -> f64 {
     let mut ends_m = [f64::INFINITY, f64::NEG_INFINITY];
     let _: ControlFlow<()> = simulation.run(samples, |sample| {
@@ -69,7 +69,7 @@ fn size_m(simulation: &mut Simulation<Fixed>, samples: u32) -> f64 {
     (ends_m[1] - ends_m[0]) / 2.0
 }
 
-/// K of the envelope, N/m.
+/// K of the envelope, in N/m.
 fn envelope(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64) -> f64 {
     let scene = scene(latency, 1000.0);
     let settings = scene.velocity.at(cutoff_hz);

@@ -20,7 +20,7 @@ pub struct Board {
     /// Name of the chip for debug probes.
     pub part: &'static str,
     pub wiring: Wiring,
-    /// Lowest normal supply voltage of the chip, mV.
+    /// Lowest normal supply voltage of the chip, in mV.
     pub supply_mv: u32,
 }
 

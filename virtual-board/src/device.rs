@@ -16,7 +16,7 @@ use crate::{
     elf::Elf,
 };
 
-/// Symbol of the record's address in the image (memory.x). `SECTOR` is the size reserved for the record, bytes.
+/// Symbol of the record's address in the image (memory.x). `SECTOR` is the size reserved for the record, in bytes.
 const SYMBOL: &str = "_device_record";
 const SECTOR: usize = 16 * 1024;
 
@@ -26,7 +26,7 @@ const BUILT_IN: [(&str, &[u8]); BOARDS.len()] = [
     ("discovery-f407", include_bytes!("../../scenes/discovery-f407.device")),
 ];
 
-/// Cutoff after boot, Hz, if the scene gives none.
+/// Cutoff after boot, in Hz, if the scene gives none.
 const CUTOFF_HZ: f64 = 1500.0;
 
 impl Elf {

@@ -40,9 +40,9 @@ const HEADER: u32 = 24;
 const CHANNEL: u32 = 24;
 /// Number of channels in both directions, the same as in the firmware.
 const CHANNELS: u32 = 4;
-/// Size of the control block with these channels, bytes.
+/// Size of the control block with these channels, in bytes.
 const BLOCK: usize = (HEADER + CHANNELS * CHANNEL) as usize;
-/// Largest size of a buffer, bytes: the size of RAM.
+/// Largest size of a buffer, in bytes: the size of RAM.
 const LARGEST: u32 = 0x2_0000;
 
 /// An RTT control block at a known address.
@@ -158,7 +158,7 @@ pub struct Ring {
     /// Address of the channel's descriptor in the control block.
     at: u32,
     buffer: u32,
-    /// Size of the buffer, bytes.
+    /// Size of the buffer, in bytes.
     size: u32,
     /// Offset at which the writer continues.
     pub write: u32,

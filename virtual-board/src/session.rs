@@ -54,12 +54,12 @@ impl From<String> for Failed {
 pub struct BoardHit {
     pub line: String,
     pub verdict: Verdict,
-    /// RMS of the position about its mean, m.
+    /// RMS of the position about its mean, in m.
     pub rms_m: f64,
-    /// Mean of the position, m.
+    /// Mean of the position, in m.
     pub mean_m: f64,
     /// Energy that the wall has absorbed in the last contact, and the largest energy that the wall has supplied in one
-    /// contact, J.
+    /// contact, in J.
     pub port_j: [f64; 2],
     /// Result of each push of a quiet hit, in order; empty for other hits. The fields above have the results of the
     /// deciding push.
@@ -98,9 +98,9 @@ pub struct BoardPush {
     pub push_n: f64,
     #[serde(serialize_with = "name_of")]
     pub verdict: Verdict,
-    /// RMS of the position about its mean, m.
+    /// RMS of the position about its mean, in m.
     pub rms_m: f64,
-    /// RMS of the force about its mean, N.
+    /// RMS of the force about its mean, in N.
     pub force_rms_n: f64,
     /// `None` if the wall had no force.
     pub penetration_ratio: Option<f64>,
@@ -138,26 +138,26 @@ fn verdict(text: &str) -> Option<Verdict> {
 /// Result of a walk, as the firmware reports it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WalkReport {
-    /// Area under the boundary: sum of K dB over the points, N^2 s/m^2.
+    /// Area under the boundary: sum of K dB over the points, in N^2 s/m^2.
     #[serde(rename = "area_n2_s_per_m2")]
     pub area: f64,
-    /// Largest K of the boundary, N/m.
+    /// Largest K of the boundary, in N/m.
     pub stiffness_peak_n_per_m: f64,
-    /// Largest B of the boundary, N s/m.
+    /// Largest B of the boundary, in N s/m.
     pub damping_max_n_s_per_m: f64,
     pub hits: u32,
     /// B and K of each point of the boundary.
     #[serde(skip)]
     pub points: Vec<[f64; 2]>,
     pub ended_by: String,
-    /// Duration on the board, s.
+    /// Duration on the board, in s.
     pub virtual_s: f64,
 }
 
 /// Samples after which a released handle is at rest.
 const REST_SAMPLES: u64 = 15_000;
 const ARM_SAMPLES: u64 = 4_000;
-/// Longest wait for a line of an experiment, samples. This time includes cooling down, the return move and the hit.
+/// Longest wait for a line of an experiment, in samples. This time includes cooling down, the return move and the hit.
 const LINE_SAMPLES: u64 = 3_000_000;
 
 impl Session {

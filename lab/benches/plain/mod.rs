@@ -11,7 +11,7 @@ pub const SAMPLES: usize = 60_000;
 /// velocity in counts per sample.
 pub trait Filter {
     fn update(&mut self, moved: f64) -> f64;
-    /// Gives the filter the speed of the handle at the next sample, m/s.
+    /// Gives the filter the speed of the handle at the next sample, in m/s.
     #[inline(always)]
     fn look(&mut self, _speed: f64) {}
     /// Gives the filter the actuator's force since the last sample, as a fraction of full scale.

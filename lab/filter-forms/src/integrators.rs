@@ -146,7 +146,7 @@ mod tests {
         })
     }
 
-    /// Largest difference of the outputs of two forms for this motion, LSB.
+    /// Largest difference of the outputs of two forms for this motion, in LSB.
     fn distance<W: Word + Signal>(
         form: &mut impl Step<Signal = W>,
         exact: &mut impl Step<Signal = f64>,

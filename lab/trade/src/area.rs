@@ -86,7 +86,7 @@ impl Controller for Filtered {
     }
 }
 
-/// Areas of the walks from several starts, N^2 s/m^2.
+/// Areas of the walks from several starts, in N^2 s/m^2.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Areas(pub Vec<f64>);
 

@@ -15,7 +15,7 @@ pub fn of(variant: Variant) -> Option<Cost> {
 const SAMPLES: u32 = 50_000;
 const RUNS: u32 = 5;
 
-/// Time of one update on this machine, ns: the minimum of several runs. This time differs from call to call.
+/// Time of one update on this machine, in ns: the minimum of several runs. This time differs from call to call.
 pub fn host_ns(filter: &Filter) -> f64 {
     struct Time;
     impl Visit for Time {

@@ -5,22 +5,22 @@ use super::{LSB_PER_COUNT, drift, larger, noise::Noise, response::Response};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
     pub response: Response,
-    /// DC drift over `drift::SAMPLES`, counts.
+    /// DC drift over `drift::SAMPLES`, in counts.
     pub drift_counts: f64,
-    /// Distance from the exact filter, counts per sample.
+    /// Distance from the exact filter, in counts per sample.
     pub noise: Noise,
-    /// Largest output after a stop, counts per sample.
+    /// Largest output after a stop, in counts per sample.
     pub rest_counts: f64,
-    /// Largest speed without overflow, counts per sample. `None` if other errors of the filter hide the overflow.
+    /// Largest speed without overflow, in counts per sample. `None` if other errors of the filter hide the overflow.
     pub headroom_counts: Option<f64>,
-    /// Mean area, N^2 s/m^2.
+    /// Mean area, in N^2 s/m^2.
     pub area: Option<f64>,
     /// Relative difference of the area from the area with the exact filter. `None` if the exact filter has no area.
     pub area_change: Option<f64>,
 }
 
 impl Measured {
-    /// Mean error at a constant speed, counts per sample. The ripple of the counts adds 10^-6.
+    /// Mean error at a constant speed, in counts per sample. The ripple of the counts adds 10^-6.
     pub fn bias_counts(&self) -> f64 {
         self.drift_counts / f64::from(drift::SAMPLES)
     }
@@ -29,13 +29,13 @@ impl Measured {
 /// Reference values of all filters at one cutoff.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exact {
-    /// Nominal cutoff of the filters, Hz.
+    /// Nominal cutoff of the filters, in Hz.
     pub cutoff_hz: f64,
     /// Whether the measured band contains the -3 dB frequency.
     pub has_cutoff: bool,
-    /// Noise of the encoder in the output of the exact filter, counts per sample.
+    /// Noise of the encoder in the output of the exact filter, in counts per sample.
     pub encoder: Noise,
-    /// Mean area with the filter in `f64`, N^2 s/m^2.
+    /// Mean area with the filter in `f64`, in N^2 s/m^2.
     pub area: f64,
     /// Relative spread of the area over the starts.
     pub area_spread: f64,

@@ -12,7 +12,7 @@ pub const SAMPLES: u32 = 1_000_000;
 /// most effect at low speeds. A gain error at high speed belongs to the error of the response.
 const SPEEDS: [(i64, i64); 2] = [(3, 10), (-1, 1000)];
 
-/// Largest span of `sum(out - in)` over [`SAMPLES`] samples, of all constant speeds, counts.
+/// Largest span of `sum(out - in)` over [`SAMPLES`] samples, of all constant speeds, in counts.
 pub fn measure(bench: &Bench, filter: &Filter, cutoff_hz: f64) -> f64 {
     let transient = bench.samples(SETTLE_PERIODS, cutoff_hz) + 200;
     let mut worst = 0f64;

@@ -40,7 +40,7 @@ pub struct Filters {
     pub exact: Vec<Exact>,
     /// Rows in the order of [`Variant::ALL`]. Within a variant, the cutoffs ascend.
     pub rows: Vec<FilterRow>,
-    /// Time of one update on this machine for each variant, ns.
+    /// Time of one update on this machine for each variant, in ns.
     pub host_ns: Vec<f64>,
 }
 

@@ -33,7 +33,7 @@ impl Reversal {
         Self { before, slowest: SLOWEST * bench.q15_full_scale_counts(), exact }
     }
 
-    /// Largest speed, counts per sample, at which the filter neither wraps nor saturates during the reversal. The
+    /// Largest speed, in counts per sample, at which the filter neither wraps nor saturates during the reversal. The
     /// lowest and highest output must differ from those of the exact filter by at most a twentieth of the overshoot.
     /// For a filter with other errors, the outputs may instead agree with its outputs at half the speed. `None` if
     /// these errors hide the overflow at every speed.

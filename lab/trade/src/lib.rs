@@ -55,9 +55,9 @@ use sim_studies::{analysis, study};
 /// Settings that all filters of a scene share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bench {
-    /// Samples per second, Hz.
+    /// Samples per second, in Hz.
     pub rate_hz: f64,
-    /// Length of a count, m.
+    /// Length of a count, in m.
     pub resolution_m: f64,
     /// Fractional bits of a signal in Q15.
     pub q15_fraction: u32,
@@ -82,12 +82,12 @@ impl Bench {
         Self { rate_hz, resolution_m: scene.encoder.resolution_m, q15_fraction }
     }
 
-    /// Full scale of Q15, counts per sample.
+    /// Full scale of Q15, in counts per sample.
     pub fn q15_full_scale_counts(&self) -> f64 {
         full_scale_counts(self.q15_fraction)
     }
 
-    /// Speed of one count per sample, m/s.
+    /// Speed of one count per sample, in m/s.
     pub fn m_per_s(&self) -> f64 {
         self.resolution_m * self.rate_hz
     }

@@ -5,7 +5,7 @@ use filter_forms::Filter;
 
 use super::{Bench, larger, reference::Reference};
 
-/// Speed of the ramp, counts per sample. The number is no simple fraction, as for the speed of a hand.
+/// Speed of the ramp, in counts per sample. The number is no simple fraction, as for the speed of a hand.
 pub const RAMP_COUNTS: f64 = 0.123_606_797_749_978_97;
 /// Smallest number of samples. `PERIODS` is the smallest number of periods of the cutoff.
 const SAMPLES_MIN: u32 = 100_000;
@@ -17,12 +17,12 @@ pub struct Motions {
     /// Count differences, and exact outputs in counts per sample.
     rest: (Vec<i8>, Vec<f64>),
     ramp: (Vec<i8>, Vec<f64>),
-    /// RMS in the exact output, counts per sample. At rest, the flicker of the encoder's count causes this RMS. In
+    /// RMS in the exact output, in counts per sample. At rest, the flicker of the encoder's count causes this RMS. In
     /// motion, the steps of the count cause this RMS.
     pub encoder: Noise,
 }
 
-/// RMS at rest and in motion, counts per sample.
+/// RMS at rest and in motion, in counts per sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
     /// RMS with a flickering count.

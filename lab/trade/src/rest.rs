@@ -14,7 +14,7 @@ const WATCHED_PERIODS: f64 = 1.0;
 /// Smallest number of samples for which the handle moves at random.
 const MOVING: u32 = 1000;
 
-/// Largest output after the stop, counts per sample.
+/// Largest output after the stop, in counts per sample.
 pub fn measure(bench: &Bench, filter: &Filter, cutoff_hz: f64) -> f64 {
     let mut filter = *filter;
     let moving = bench.samples(2.0, cutoff_hz).max(MOVING);

@@ -17,7 +17,7 @@ pub fn pareto(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     points.iter().map(|point| point.is_some_and(|point| !beaten(point))).collect()
 }
 
-/// Cost and error of each filter at one cutoff: cycles, and RMS error of the velocity in motion, m/s. `None` for a
+/// Cost and error of each filter at one cutoff: cycles, and RMS error of the velocity in motion, in m/s. `None` for a
 /// refused filter.
 pub fn filter_points(filters: &Filters, cutoff: usize, bench: &Bench) -> Vec<Option<[f64; 2]>> {
     let rows = filters.rows.iter().filter(|row| row.cutoff == cutoff);
@@ -28,7 +28,7 @@ pub fn filter_points(filters: &Filters, cutoff: usize, bench: &Bench) -> Vec<Opt
     rows.map(point).collect()
 }
 
-/// Cost and error of each method: operations per simulated second, and error of the trajectory, m.
+/// Cost and error of each method: operations per simulated second, and error of the trajectory, in m.
 pub fn plant_points(plants: &Plants) -> Vec<Option<[f64; 2]>> {
     let point = |row: &super::plant::PlantRow| {
         row.measured.as_ref().ok().map(|m| [m.operations_per_s, m.trajectory_m])
@@ -127,7 +127,7 @@ pub fn plant_csv(plants: &Plants) -> String {
 #[derive(Clone, Debug, PartialEq)]
 pub struct GoodFor {
     pub variant: Variant,
-    /// First and last cutoff of the longest run of tried cutoffs at which the variant would do, Hz.
+    /// First and last cutoff of the longest run of tried cutoffs at which the variant would do, in Hz.
     pub cutoffs_hz: Option<[f64; 2]>,
     /// Criteria that the variant exceeds at the next lower and the next higher cutoff. Empty if there is no such
     /// cutoff, or if the variant is refused there.

@@ -19,11 +19,11 @@ pub struct Tone {
     spectrum: Complex<f64>,
 }
 
-/// Shortest window of a tone, samples.
+/// Shortest window of a tone, in samples.
 const WINDOW_MIN: f64 = 4096.0;
 
 impl Tone {
-    /// The tone nearest to `frequency`, cycles per sample. `amplitude` is in LSB.
+    /// The tone nearest to `frequency`, in cycles per sample. `amplitude` is in LSB.
     pub fn near(frequency: f64, amplitude: f64) -> Self {
         let cycles = (WINDOW_MIN * frequency).ceil().max(1.0);
         let length = (cycles / frequency).round();
@@ -46,7 +46,7 @@ impl Tone {
         self.window
     }
 
-    /// The input at a sample, LSB.
+    /// The input at a sample, in LSB.
     #[inline]
     pub fn input(&self, n: u32) -> i32 {
         self.input[(n % self.window) as usize]
@@ -58,7 +58,7 @@ impl Tone {
         self.phasor[(n % self.window) as usize]
     }
 
-    /// The response. `sum` is the sum of the outputs times the phasor over a window, LSB.
+    /// The response. `sum` is the sum of the outputs times the phasor over a window, in LSB.
     pub fn response(&self, sum: Complex<f64>) -> Complex<f64> {
         sum / self.spectrum
     }

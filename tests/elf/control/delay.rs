@@ -15,11 +15,11 @@ use crate::{
 
 each_board!(the_sampling_task_enters_no_critical_section, nothing_delays_the_samples);
 
-/// Largest difference of two delays, cycles. The difference comes from the longest instructions, which cannot be
+/// Largest difference of two delays, in cycles. The difference comes from the longest instructions, which cannot be
 /// interrupted.
 const SPREAD: u64 = 64;
 
-/// Longest time for which the logger masks `render` and `brown_out`, us, including a sample during the mask.
+/// Longest time for which the logger masks `render` and `brown_out`, in us, including a sample during the mask.
 const MASK_US: f64 = 60.0;
 
 /// Fails if something delays the samples. The error names the cause.

@@ -35,7 +35,7 @@ fn saying(board: Board, [current_sense_rest, current_sense_full]: [Option<f64>; 
     Firmware { elf, scene, ..plain }
 }
 
-/// Time until enable is inactive, ms; `None` if the time is longer than 0.1 s.
+/// Time until enable is inactive, in ms; `None` if the time is longer than 0.1 s.
 fn off_ms(world: &mut World<'_>) -> Option<f64> {
     let begun = world.powered.mcu.now();
     world.run(1000).unwrap();

@@ -16,7 +16,7 @@ each_board!(
     a_number_that_decides_a_force_is_kept_twice, ignored: "half a minute; CI runs it"
 );
 
-/// Longest time until enable is inactive, s.
+/// Longest time until enable is inactive, in s.
 const OFF_S: f64 = 3e-3;
 
 /// Address and size of the static whose name contains `name`.

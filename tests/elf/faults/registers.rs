@@ -20,7 +20,7 @@ const TIM8: u32 = 0x4001_0400;
 const DMA2: u32 = 0x4002_6400;
 const TIM5: u32 = 0x4000_0C00;
 
-/// Longest time until enable is inactive, s.
+/// Longest time until enable is inactive, in s.
 const OFF_S: f64 = 3e-3;
 
 /// An armed board whose handle is pressed into the wall, in the middle between two outputs.
@@ -95,15 +95,15 @@ const CHAIN: [(u32, &[u32]); 3] = [
     ),
 ];
 
-/// Time from `begun` until enable is inactive, s; `None` while it is active.
+/// Time from `begun` until enable is inactive, in s; `None` while it is active.
 fn off_after(world: &World<'_>, begun: u64) -> Option<f64> {
     let off = world.powered.amplifier.changes().disabled_at.filter(|&at| at >= begun)?;
     let is_off = !world.powered.amplifier.is_enabled();
     is_off.then(|| (off - begun) as f64 / world.powered.board.chip.core_hz as f64)
 }
 
-/// Checks that enable is off within `limit_s`, s, after the core has stopped. This limit is the timeout of the output
-/// watchdog.
+/// Checks that enable is off within `limit_s`, in s, after the core has stopped. This limit is the timeout of the
+/// output watchdog.
 fn dead_core_is_off_within(world: &mut World<'_>, limit_s: f64, what: &str) {
     let begun = world.powered.mcu.now();
     world.powered.mcu.set_registers(|registers| registers.primask = true);

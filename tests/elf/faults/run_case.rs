@@ -16,9 +16,9 @@ pub enum Depth {
 }
 
 pub struct CaseResult {
-    /// Time until enable was inactive, us.
+    /// Time until enable was inactive, in us.
     pub off_us: f64,
-    /// Time until the output code is that of zero force, us.
+    /// Time until the output code is that of zero force, in us.
     pub zero_us: f64,
     pub kept: String,
 }

@@ -7,7 +7,7 @@ use crate::figure::figure;
 
 const STIFFNESS_N_PER_M: f64 = 20_000.0;
 const CUTOFFS_HZ: [f64; 9] = [70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 700.0, 1000.0, 2000.0];
-/// Number of resolutions per octave. `COARSEST_M` is the coarsest resolution, m.
+/// Number of resolutions per octave. `COARSEST_M` is the coarsest resolution, in m.
 const PER_OCTAVE: f64 = 4.0;
 const COARSEST_M: f64 = 16e-6;
 

@@ -9,7 +9,7 @@ use zwidth::VelocitySettings;
 use super::*;
 use crate::figure::figure;
 
-/// Areas of one scene by limit, N^2 s/m^2, with four starts, the motor's push, and the RMS of the motion.
+/// Areas of one scene by limit, in N^2 s/m^2, with four starts, the motor's push, and the RMS of the motion.
 fn table(
     name: &str,
     limits_: &[Limit],

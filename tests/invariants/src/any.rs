@@ -102,7 +102,7 @@ pub fn tuned(name: EstimatorName, parts: Parts, design: &Design) -> Option<Veloc
 pub enum Piece {
     /// At rest for this number of samples.
     Hold(u16),
-    /// A constant speed, counts per sample, and the number of samples.
+    /// A constant speed, in counts per sample, and the number of samples.
     Slope(f64, u16),
     /// A constant acceleration, counts per sample^2, and the number of samples.
     Curve(f64, u16),

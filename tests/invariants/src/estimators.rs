@@ -94,7 +94,7 @@ fn mirror_lsb(name: EstimatorName) -> i32 {
     }
 }
 
-/// Largest difference between the summed velocities of 300 samples and the counts, at whole counts per sample, LSB.
+/// Largest difference between the summed velocities of 300 samples and the counts, at whole counts per sample, in LSB.
 const SUM_LSB: f64 = 20.0;
 
 crate::properties! {

@@ -121,7 +121,7 @@ impl Bench {
     }
 
     /// Carries out an event. Returns the number of outputs that follow, and the handle's motion before each of these
-    /// outputs, counts.
+    /// outputs, in counts.
     fn happen(&mut self, event: Event) -> (u8, i32) {
         match event {
             Event::Wait(outputs) => return (outputs, 0),

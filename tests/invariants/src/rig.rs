@@ -80,7 +80,7 @@ impl Rig {
         }
     }
 
-    /// Position of the handle at the last output, counts.
+    /// Position of the handle at the last output, in counts.
     pub fn position(&self) -> i32 {
         self.position
     }

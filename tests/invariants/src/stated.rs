@@ -36,7 +36,7 @@ pub struct Stated {
 /// Effects of a resonance, bounded by the magnitudes of responses.
 #[derive(Clone, Copy, Debug)]
 pub struct Resonance {
-    /// Largest rounding error of the velocity, LSB: half an LSB times the response `(1 - q)^k / A` of the error
+    /// Largest rounding error of the velocity, in LSB: half an LSB times the response `(1 - q)^k / A` of the error
     /// feedback.
     pub rounding: f64,
     /// Largest error from the rounding of the coefficients, as a fraction of the fastest difference.
@@ -133,8 +133,8 @@ impl Twin {
         }
     }
 
-    /// Largest difference of the integers from the equations at speeds up to `fastest`, LSB. The causes are rounding,
-    /// and rounded coefficients.
+    /// Largest difference of the integers from the equations at speeds up to `fastest`, in LSB. The causes are
+    /// rounding, and rounded coefficients.
     pub fn lsb(&self, fastest: f64) -> f64 {
         match self {
             Self::Filter(b, _) => 3.0 + fastest * 3.0 * 2f64.powi(-31) / b.iter().sum::<f64>(),

@@ -3,7 +3,7 @@
 //!
 //! `SENSES` has for each sample: force, acceleration, age of the edge, kind of edge (0 none, 1 down, 2 up). The job has
 //! the number of the estimator, its parameters (two words each, low word first), and the number of samples. The answer
-//! is the size of an [`Estimator`](zwidth::velocity::Estimator), bytes.
+//! is the size of an [`Estimator`](zwidth::velocity::Estimator), in bytes.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]

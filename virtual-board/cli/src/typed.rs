@@ -12,10 +12,10 @@ use virtual_board::world::World;
 
 use crate::SLICE;
 
-/// Longest time of `wait`, s.
+/// Longest time of `wait`, in s.
 const WAIT_MAX_S: f64 = 3600.0;
 
-/// Longest line that is accepted, bytes: longer than the firmware's own limit.
+/// Longest line that is accepted, in bytes: longer than the firmware's own limit.
 const LINE_MAX: u64 = 1000;
 
 /// Passes a typed line to the board or to the hand. Returns how many samples to wait.

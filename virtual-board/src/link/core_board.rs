@@ -26,7 +26,7 @@ use crate::{
     world::Finger,
 };
 
-/// Size of the command channel, bytes; the same as on a board.
+/// Size of the command channel, in bytes; the same as on a board.
 const TYPED: usize = 255;
 /// Samples for which a hand holds the handle at the scene's 0. The program starts in the first half, and sets the count
 /// to zero in the second half.
@@ -47,7 +47,7 @@ pub struct CoreBoard {
     samples: u64,
     disabled_at: Option<u64>,
     stop_open: bool,
-    /// Forces on the way to the plant, N, each with the sample in which it begins to act. `acting_n` acts now.
+    /// Forces on the way to the plant, in N, each with the sample in which it begins to act. `acting_n` acts now.
     on_the_way: VecDeque<(u64, f64)>,
     acting_n: f64,
     finger: Option<Finger>,

@@ -25,11 +25,11 @@ pub const SLICE: u64 = 10;
 /// State of the device for the display.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seen {
-    /// Time on the board since it was switched on, s.
+    /// Time on the board since it was switched on, in s.
     pub time_s: f64,
-    /// Position of the handle in the scene, m.
+    /// Position of the handle in the scene, in m.
     pub position_m: f64,
-    /// Force of the finger on the handle, N.
+    /// Force of the finger on the handle, in N.
     pub finger_n: f64,
     pub enabled: bool,
     /// Time of the last drop of enable, s of the board's time.

@@ -20,7 +20,7 @@ pub struct Bench {
     pub wires: AtomicBool,
     /// Level of the brown-out reset (`BOR_LEV`); 3 in a new chip.
     pub brown_out_reset: AtomicU32,
-    /// Frequency of the watchdog's oscillator, Hz; 0: the oscillator is stopped.
+    /// Frequency of the watchdog's oscillator, in Hz; 0: the oscillator is stopped.
     pub oscillator_hz: AtomicU64,
     /// Error of the converter, codes: reading minus true value.
     pub converter_error: AtomicI32,

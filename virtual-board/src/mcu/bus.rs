@@ -19,9 +19,9 @@ use super::{DacListener, gate::Block};
 /// Simulated time, in core cycles of the clock that the program has set up.
 #[derive(Debug, Default)]
 pub(super) struct Clock {
-    /// Start of the present instruction, cycles.
+    /// Start of the present instruction, in cycles.
     now: AtomicU64,
-    /// Time of the edge that is being delivered, cycles. For an event of TIM1, the edge may be earlier than `now`.
+    /// Time of the edge that is being delivered, in cycles. For an event of TIM1, the edge may be earlier than `now`.
     edge: AtomicU64,
     /// Whether a peripheral was accessed, which may have changed the time of its next event.
     touched: AtomicBool,

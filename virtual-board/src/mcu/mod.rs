@@ -63,7 +63,7 @@ const IT_BITS: u32 = 0x0600_FC00;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Chip {
-    /// Core clock after set-up, Hz; a multiple of 32 kHz and of 8 MHz.
+    /// Core clock after set-up, in Hz; a multiple of 32 kHz and of 8 MHz.
     pub core_hz: u64,
     pub flash_bytes: usize,
     /// Identification of the chip (`DEV_ID`).
@@ -72,7 +72,7 @@ pub struct Chip {
     pub over_drive: bool,
 }
 
-/// Normal supply of the chip, mV.
+/// Normal supply of the chip, in mV.
 pub const SUPPLY_MV: u32 = 3300;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -30,8 +30,8 @@ impl Mcu {
         self.soc.set_break(open);
     }
 
-    /// Sets the supply, mV. The initial supply is [`SUPPLY_MV`](super::SUPPLY_MV). The supply affects only the voltage
-    /// detector.
+    /// Sets the supply, in mV. The initial supply is [`SUPPLY_MV`](super::SUPPLY_MV). The supply affects only the
+    /// voltage detector.
     pub fn set_supply_mv(&mut self, mv: u32) {
         self.clock.set(self.now);
         self.soc.supply.set_mv(mv);

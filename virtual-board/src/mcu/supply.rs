@@ -12,8 +12,8 @@ use rsemu::core::{
 
 use super::bus::{Clock, Lazy, Port};
 
-/// Thresholds of the detector for each level PLS, mV: first for a rising supply, then for a falling supply. A supply up
-/// to the threshold is treated as low. The thresholds are the largest values of the data sheet of the STM32F446,
+/// Thresholds of the detector for each level PLS, in mV: first for a rising supply, then for a falling supply. A supply
+/// up to the threshold is treated as low. The thresholds are the largest values of the data sheet of the STM32F446,
 /// section 6.3.5. The STM32F407 has the same values.
 const LEVELS_MV: [[u32; 2]; 8] = [
     [2190, 2080],

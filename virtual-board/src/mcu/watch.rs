@@ -55,7 +55,7 @@ pub struct Watch {
     pub primask: u64,
     /// Number of instructions with a BASEPRI that masks the sampling task.
     pub forbidden_basepri: u64,
-    /// Longest time with a nonzero BASEPRI, cycles.
+    /// Longest time with a nonzero BASEPRI, in cycles.
     pub longest_mask: u64,
     /// Number of sampling events for each BASEPRI at the event (0: none).
     pub events_by_basepri: BTreeMap<u8, u64>,
@@ -67,7 +67,7 @@ pub struct Watch {
     pub tasks: BTreeMap<u16, Cycles>,
     /// How often the emulator has lost ITSTATE and the loss was corrected.
     pub mended: u64,
-    /// Longest time from one feeding of the watchdog to the next, cycles.
+    /// Longest time from one feeding of the watchdog to the next, in cycles.
     pub longest_unfed: u64,
     fed_at: Option<u64>,
     /// Lowest main stack pointer.
@@ -155,7 +155,7 @@ impl Watch {
         self.nested.last().map_or(0, |(number, _)| *number)
     }
 
-    /// Longest minus shortest sampling delay, cycles.
+    /// Longest minus shortest sampling delay, in cycles.
     pub fn delay_spread(&self) -> u64 {
         match (self.delays.first_key_value(), self.delays.last_key_value()) {
             (Some((least, _)), Some((most, _))) => most - least,

@@ -33,7 +33,7 @@ use crate::{
 
 /// Steps of the plant per sample.
 pub const STEPS: u64 = 10;
-/// Delay from the plant to the counter, s.
+/// Delay from the plant to the counter, in s.
 pub const LEAD_S: f64 = 2e-6;
 /// Steps of the plant per sample if a step is as long as [`LEAD_S`], at 10 kHz.
 const FINE_STEPS: u64 = 50;
@@ -56,7 +56,7 @@ pub struct World<'a> {
     stepped: u64,
     full_scale_n: f64,
     current: CurrentSettings,
-    /// The current signal after its filter, fraction of full scale.
+    /// The current signal after its filter, as a fraction of full scale.
     filtered: f64,
     /// Position at which a hand holds the handle. The hand moves this position at [`led_m_per_s`](Self::led_m_per_s).
     held: Option<f64>,
@@ -324,12 +324,12 @@ impl<'a> World<'a> {
         self.plant.position_m(&self.state)
     }
 
-    /// Largest force of the motor, N.
+    /// Largest force of the motor, in N.
     pub fn full_scale_n(&self) -> f64 {
         self.full_scale_n
     }
 
-    /// Force of the finger on the handle, N.
+    /// Force of the finger on the handle, in N.
     pub fn finger_n(&self) -> f64 {
         let Some(finger) = self.finger.filter(|_| self.held.is_none()) else { return 0.0 };
         finger.force_n(self.position_m(), self.plant.speed_m_per_s(&self.state))
@@ -430,7 +430,7 @@ impl<'a> World<'a> {
         self.swapped_at.map_or(place, |at| 2.0 * f64::from(at) + 1.0 - place)
     }
 
-    /// Position that the encoder measures, m.
+    /// Position that the encoder measures, in m.
     fn shown_m(&self) -> f64 {
         self.sensing.shown_m(self.position_m(), 0, self.samples)
     }

@@ -37,10 +37,10 @@ pub struct FaultCase {
     pub code: u32,
     /// All codes that `faults` must list; empty if only `code`.
     pub all: &'static [u32],
-    /// Longest time until enable is inactive, us. The output code is then zero too. If hardware alone has switched
+    /// Longest time until enable is inactive, in us. The output code is then zero too. If hardware alone has switched
     /// enable off, the code is zero within one more output.
     pub limit_us: f64,
-    /// Time for which the program is halted, us. A halted program cannot write an output code.
+    /// Time for which the program is halted, in us. A halted program cannot write an output code.
     pub halted_us: f64,
     pub before: Before,
     pub begin: Begin,

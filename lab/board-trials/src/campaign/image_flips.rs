@@ -13,7 +13,7 @@ use super::{
 };
 use crate::random::Random;
 
-/// Longest time of one complete image check at output period 10, s. No wrong force may last longer.
+/// Longest time of one complete image check at output period 10, in s. No wrong force may last longer.
 pub const PASS_S: f64 = 0.2;
 /// Samples for which a flip is watched. The firmware needs fewer samples to detect an image check that does not end.
 pub const WATCHED: u64 = LONGEST as u64 + 1_000;

@@ -14,18 +14,18 @@ use super::{
     row::{Row, SOON_S},
 };
 
-/// Limit for an encoder whose count does not change, s: the time of the check for a push without motion, and one
+/// Limit for an encoder whose count does not change, in s: the time of the check for a push without motion, and one
 /// output.
 const STUCK_S: f64 = 0.0525;
-/// Limit for a count that moves too little, s: the rest of the present span of 50 ms, and the next span.
+/// Limit for a count that moves too little, in s: the rest of the present span of 50 ms, and the next span.
 const SHORT_OF_S: f64 = 0.1025;
-/// Limit for a measured current that is wrong by a third of full scale, s. The limit includes the 13 ms over which the
-/// board takes the mean of the current.
+/// Limit for a measured current that is wrong by a third of full scale, in s. The limit includes the 13 ms over which
+/// the board takes the mean of the current.
 const SENSED_S: f64 = 0.018;
 /// Samples for which the host reads nothing and sends without a pause.
 const FLOOD_SAMPLES: u64 = 4_000;
 const FLOOD_S: f64 = FLOOD_SAMPLES as f64 * 1e-4;
-/// Limit for a fault that is found only by the motion of the plant, s.
+/// Limit for a fault that is found only by the motion of the plant, in s.
 const EVER_S: f64 = 1.3;
 
 /// All rows of this file. `current_sense`: whether the board measures the amplifier's current.

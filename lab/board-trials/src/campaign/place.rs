@@ -137,7 +137,7 @@ const IWDG_OPEN: u32 = 0x5555;
 const RAM_END: u32 = 0x2002_0000;
 const AIRCR: u32 = 0xE000_ED0C;
 const AIRCR_KEY: u32 = 0x05FA_0000;
-/// Distance from a set register of the NVIC to its clear register, bytes.
+/// Distance from a set register of the NVIC to its clear register, in bytes.
 const NVIC_CLEARS: u32 = 0x80;
 
 impl Places {

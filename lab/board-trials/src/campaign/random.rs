@@ -13,12 +13,12 @@ use super::{
 };
 use crate::random::Random;
 
-/// Longest time for which a flip is watched, samples. If the force is right at half of this time, the watch ends there.
-/// The independent watchdog needs less than half of this time.
+/// Longest time for which a flip is watched, in samples. If the force is right at half of this time, the watch ends
+/// there. The independent watchdog needs less than half of this time.
 pub const WATCHED: u64 = 1_200;
 /// Number of start times in each situation.
 pub const STARTS: usize = 16;
-/// Longest time for which a wrong force is allowed, s.
+/// Longest time for which a wrong force is allowed, in s.
 const ALLOWED_S: f64 = 3e-3;
 
 /// One in `FURTHER` flips in the core is in S0 to S31, FPSCR or CONTROL, each with the same probability. One in

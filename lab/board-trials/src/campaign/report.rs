@@ -135,11 +135,11 @@ struct PartJson {
     ends: Tally<End>,
     /// Share of flips whose force was wrong until the check found the flip, with its 95 % interval.
     wrong: [f64; 3],
-    /// Longest time of a wrong force, s.
+    /// Longest time of a wrong force, in s.
     wrong_s: f64,
-    /// Largest speed that a wrong force gives the handle, m/s.
+    /// Largest speed that a wrong force gives the handle, in m/s.
     speed_m_per_s: f64,
-    /// Longest time from a flip to off, s.
+    /// Longest time from a flip to off, in s.
     off_s: f64,
 }
 

@@ -4,7 +4,8 @@ use virtual_board::{elf::Elf, session::Failed, world::World};
 
 use super::situation::Situation;
 
-/// Time limit of a fault that is found at any motion of the plant, s. The limit includes one sample of the simulation.
+/// Time limit of a fault that is found at any motion of the plant, in s. The limit includes one sample of the
+/// simulation.
 pub const SOON_S: f64 = 3e-3;
 pub(super) const GRID_S: f64 = 1e-4;
 
@@ -17,7 +18,7 @@ pub struct Row {
     /// Name in reports, unique among the rows.
     pub name: String,
     pub begin: Box<Begin>,
-    /// Longest time to off, s.
+    /// Longest time to off, in s.
     pub limit_s: f64,
     /// Why the fault is never found: in free motion, and in contact.
     pub never: [Option<&'static str>; 2],

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::threads::on_threads;
 
-/// Shortest and longest time for which a row is watched, samples.
+/// Shortest and longest time for which a row is watched, in samples.
 const LEAST: u64 = 1_200;
 const LONGEST: u64 = 13_500;
 /// Index of the start time of all rows.

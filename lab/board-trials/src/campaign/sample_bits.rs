@@ -13,19 +13,20 @@ use super::{
 };
 use crate::{random::Random, threads::on_threads};
 
-/// Cutoffs of the Butterworth low-pass, Hz.
+/// Cutoffs of the Butterworth low-pass, in Hz.
 const CUTOFFS_HZ: [u32; 7] = [1, 10, 50, 100, 300, 1500, 4000];
 /// Estimators that need the firmware's feature `estimators`.
 const ESTIMATORS: [&str; 2] = ["kalman-3", "levant-implicit"];
-/// Output periods, samples.
+/// Output periods, in samples.
 const PERIODS: [u32; 2] = [1, 10];
 const SITUATIONS: [Situation; 2] = [Situation::Free, Situation::Contact];
 
-/// Longest time for which a flip is watched, samples. If the force is right at half of this time, the watch ends there.
+/// Longest time for which a flip is watched, in samples. If the force is right at half of this time, the watch ends
+/// there.
 const WATCHED: u64 = 300;
 /// Count of start times in each situation.
 const STARTS: usize = 8;
-/// Longest allowed time of a wrong force, s.
+/// Longest allowed time of a wrong force, in s.
 const ALLOWED_S: f64 = 3e-3;
 
 /// Results with one estimator at one output period.

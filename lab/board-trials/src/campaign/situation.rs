@@ -35,7 +35,7 @@ impl Situation {
         !matches!(self, Self::Contact)
     }
 
-    /// Push of the hit, N, rounded to the digits that can be typed.
+    /// Push of the hit, in N, rounded to the digits that can be typed.
     pub fn push_n(self, full_scale_n: f64) -> f64 {
         if self == Self::Full { (full_scale_n * 1e6).round() / 1e6 } else { PUSH_N }
     }
@@ -45,7 +45,7 @@ impl Situation {
 const DEPTH_M: f64 = 0.3e-3;
 const SWING_M: f64 = 0.2e-3;
 const SWING_HZ: f64 = 20.0;
-/// Push of the hit in free motion, N.
+/// Push of the hit in free motion, in N.
 const PUSH_N: f64 = 2.835;
 /// Samples for which a fault is watched at the full force.
 pub const FULL_SAMPLES: u64 = 250;

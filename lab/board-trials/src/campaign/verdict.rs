@@ -44,16 +44,16 @@ impl Class {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Verdict {
     pub class: Class,
-    /// Time from the fault until enable is inactive, s.
+    /// Time from the fault until enable is inactive, in s.
     pub off_s: Option<f64>,
-    /// Time for which the force was wrong or old, s.
+    /// Time for which the force was wrong or old, in s.
     #[serde(skip)]
     pub wrong_s: f64,
-    /// Speed that the handle gains until the force is off, m/s. In free motion, this is the increase of speed since the
-    /// fault while no hand holds the handle. In contact, this is the speed of an imagined handle, which is released at
-    /// the fault. The wrong force drives this handle over at most 5 mm.
+    /// Speed that the handle gains until the force is off, in m/s. In free motion, this is the increase of speed since
+    /// the fault while no hand holds the handle. In contact, this is the speed of an imagined handle, which is released
+    /// at the fault. The wrong force drives this handle over at most 5 mm.
     pub speed_m_per_s: f64,
-    /// Travel of the handle until the force is off, m.
+    /// Travel of the handle until the force is off, in m.
     pub travel_m: f64,
     /// Code of the fault that the board reports.
     pub code: Option<u8>,
@@ -101,34 +101,34 @@ pub struct Measure<'a> {
     pub half_if_right: bool,
     /// The motor's force without the fault.
     pub reference: &'a [Seen],
-    /// Output period, samples.
+    /// Output period, in samples.
     pub period: u64,
     /// Whether the fault code is read from the backup RAM, since the damaged program may not report it.
     pub from_memory: bool,
-    /// Time limit until off, s. The time of a named fault counts from the fault. The time of a flip counts only while
-    /// the force is wrong or old.
+    /// Time limit until off, in s. The time of a named fault counts from the fault. The time of a flip counts only
+    /// while the force is wrong or old.
     pub allowed_s: f64,
     /// Whether the force is treated as wrong from the fault on, even while it is still right.
     pub from_fault: bool,
     /// Whether no hand holds the handle.
     pub free: bool,
-    /// Full-scale force divided by the handle's mass, m/s^2.
+    /// Full-scale force divided by the handle's mass, in m/s^2.
     pub full_m_per_s2: f64,
 }
 
-/// Largest difference of the force that is treated as zero, fraction of full scale. The simulation in whole samples
-/// causes these differences.
+/// Largest difference of the force that is treated as zero, as a fraction of full scale. The simulation in whole
+/// samples causes these differences.
 const SAME: f64 = 0.01;
-/// Largest difference of the force that is treated as small, fraction of full scale.
+/// Largest difference of the force that is treated as small, as a fraction of full scale.
 const SMALL: f64 = 0.05;
-/// Longest time of a larger difference that is still treated as bounded, s.
+/// Longest time of a larger difference that is still treated as bounded, in s.
 pub(super) const SHORT_S: f64 = 2e-3;
 /// Samples beyond the output period after which a force is old: one sample, and the time of `render`.
 const OLD: u64 = 2;
 const LET_GO_M: f64 = 5e-3;
 const SAMPLE_S: f64 = 1e-4;
 
-/// Largest allowed gain of speed since the fault, if the force is off within [`SOON_S`], m/s.
+/// Largest allowed gain of speed since the fault, if the force is off within [`SOON_S`], in m/s.
 const GAIN_MOST_M_PER_S: f64 = 0.1;
 
 /// Number of samples that are watched after off. If the board reports no fault, up to `TOLD` samples are watched.

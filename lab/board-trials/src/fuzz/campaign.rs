@@ -30,7 +30,7 @@ pub struct Failure {
     pub session: u64,
     /// Number of commands in all sessions before the failure was found.
     pub after_commands: u64,
-    /// Time until the failure was found, s.
+    /// Time until the failure was found, in s.
     pub after_s: f64,
     /// The shortest session that was found with the same failure.
     #[serde(rename = "script")]
@@ -45,7 +45,7 @@ pub struct Outcome {
     pub failure: Option<Failure>,
     /// Whether Ctrl-C has ended the campaign.
     pub interrupted: bool,
-    /// Duration, s.
+    /// Duration, in s.
     pub wall_s: f64,
 }
 

@@ -30,12 +30,12 @@ pub const EVENTS: [(Event, &str); 3] =
 
 /// Cycles between two tried instants while the core sleeps.
 const SLEEP: u64 = 500;
-/// Time limit of the supply detector, s (docs/faults.md).
+/// Time limit of the supply detector, in s (docs/faults.md).
 const SUPPLY_S: f64 = 60e-6;
 /// Samples within which the fault must be reported. `STARTED` is for a board that starts.
 const TOLD: u64 = 25;
 const STARTED: u64 = 600;
-/// A supply that is too low, mV.
+/// A supply that is too low, in mV.
 const LOW_MV: u32 = 2_000;
 /// Number of pieces of the period. The cores share the pieces.
 const PIECES: usize = 64;
@@ -60,7 +60,7 @@ pub struct Sweep {
     /// Cycles of the whole period.
     #[serde(rename = "cycles")]
     pub period: u64,
-    /// Duration, s.
+    /// Duration, in s.
     pub wall_s: f64,
     /// Wrong results, in the order of their cycles.
     pub wrong: Vec<Wrong>,

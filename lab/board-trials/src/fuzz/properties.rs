@@ -9,14 +9,14 @@ use zwidth::{
 
 use super::{counts::Counts, oracle::Observed, rule};
 
-/// Longest time from one feeding of the watchdog to the next, ms.
+/// Longest time from one feeding of the watchdog to the next, in ms.
 const FED_MS: u64 = 20;
 /// Samples within which a line must be answered. This time includes the answers to earlier lines, and an erase of
 /// flash.
 const ANSWER: u64 = 3_000;
 const LINE: u64 = 200;
 const SAVED: u64 = 25_000;
-/// Highest voltage of a low supply, mV. Sessions set no voltage between `LOW_MV` and the lowest normal supply of the
+/// Highest voltage of a low supply, in mV. Sessions set no voltage between `LOW_MV` and the lowest normal supply of the
 /// board.
 const LOW_MV: u32 = 2_800;
 

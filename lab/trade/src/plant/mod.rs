@@ -38,11 +38,11 @@ const REPEATS: u32 = 2;
 /// Number of points of the boundary. `BESIDE` are the distances of the compared hits from each point, in steps of K.
 const POINTS: usize = 8;
 const BESIDE: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
-/// Change of the reference's start, counts. This change shows the effect of chaos.
+/// Change of the reference's start, in counts. This change shows the effect of chaos.
 pub const NUDGE_COUNTS: f64 = 0.25;
 /// Numbers of equal steps per sample.
 const STEPS: [u32; 6] = [1, 2, 5, 10, 20, 50];
-/// Pairs of a relative tolerance and an absolute tolerance of positions, m.
+/// Pairs of a relative tolerance and an absolute tolerance of positions, in m.
 const TOLERANCES: [[f64; 2]; 4] = [[1e-3, 1e-9], [1e-6, 1e-12], [1e-9, 1e-15], [1e-12, 1e-18]];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,11 +124,11 @@ impl Method {
 /// Measured values of one method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantMeasured {
-    /// Largest distance from the reference's position, m.
+    /// Largest distance from the reference's position, in m.
     pub trajectory_m: f64,
     /// Number of verdicts that differ from the verdicts of the reference.
     pub verdicts_wrong: usize,
-    /// Mean area, N^2 s/m^2.
+    /// Mean area, in N^2 s/m^2.
     pub area: f64,
     /// Relative difference of the area from the area of the reference.
     pub area_change: f64,
@@ -136,7 +136,7 @@ pub struct PlantMeasured {
     pub steps_per_sample: f64,
     /// Additions and multiplications per simulated second.
     pub operations_per_s: f64,
-    /// Time on this machine, ns per sample.
+    /// Time on this machine, in ns per sample.
     pub host_ns: f64,
 }
 
@@ -151,7 +151,7 @@ pub struct PlantRow {
 pub struct Plants {
     /// One row per method, the reference first.
     pub rows: Vec<PlantRow>,
-    /// Cutoff of the scene's estimator in all hits, Hz; 0 for an estimator without a cutoff.
+    /// Cutoff of the scene's estimator in all hits, in Hz; 0 for an estimator without a cutoff.
     pub cutoff_hz: f64,
     /// The wall of the replayed hit: K, N/m, and B, N s/m.
     pub wall: [f64; 2],

@@ -12,13 +12,13 @@ use crate::{
 pub struct Recorded {
     start_m: f64,
     positions_m: Vec<f64>,
-    /// Command that takes effect within each sample, N. `None` if no command takes effect.
+    /// Command that takes effect within each sample, in N. `None` if no command takes effect.
     commands_n: Vec<Option<f64>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Replayed {
-    /// Largest distance from the recorded position, m.
+    /// Largest distance from the recorded position, in m.
     pub error_m: f64,
     /// Steps that the integrator tried.
     pub steps: u64,
@@ -64,7 +64,7 @@ impl Recorded {
         Replayed { error_m, steps: plant.steps(&state), samples }
     }
 
-    /// Time of the plant alone on this machine, ns per sample. This time differs from call to call.
+    /// Time of the plant alone on this machine, in ns per sample. This time differs from call to call.
     pub fn host_ns(&self, plant: &AnyPlant) -> f64 {
         const RUNS: u32 = 3; // the smallest time counts
         let timed = |_| each_plant!(plant, plant => self.timed(plant));
