@@ -29,11 +29,12 @@ use plain::{Butterworth, SAMPLES, plain};
 use zwidth::VelocitySettings;
 
 const ROUNDS: usize = 25;
-/// Hits of a round, a multiple of every number of lanes.
+/// Number of hits in a round. It is a multiple of every backend's number of lanes.
 const HITS: u32 = 16;
 const FILTER: VelocitySettings = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
 
-/// Hits near the boundary, where limit cycles keep the states away from subnormal numbers. No hit ends early.
+/// Hits close to the stability boundary, none of which ends early. The limit cycles there keep the states away from
+/// subnormal numbers.
 struct Hits {
     left: u32,
     unstable: u32,
@@ -179,14 +180,14 @@ fn processor_s() -> f64 {
     text.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-9
 }
 
-/// Peak memory of this process so far, in MB.
+/// The largest memory that this process has used so far, in MB.
 fn peak_mb() -> f64 {
     let text = fs::read_to_string("/proc/self/status").unwrap();
     let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     line.trim().trim_end_matches(" kB").parse::<f64>().unwrap() / 1024.0
 }
 
-/// Exponent of a power law through the points, by least squares.
+/// The exponent of the power law that fits the points best, by least squares.
 fn slope(line: &[[f64; 2]]) -> f64 {
     let logs = line.iter().map(|point| point.map(f64::log10));
     let n = line.len() as f64;

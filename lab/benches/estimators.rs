@@ -31,10 +31,11 @@ use zwidth::{
 };
 
 const ROUNDS: usize = 15;
-/// Hits of a round, a multiple of every number of lanes.
+/// Number of hits in a round. It is a multiple of every backend's number of lanes.
 const HITS: u32 = 16;
 
-/// Hits beyond the boundary, where limit cycles keep the states away from subnormal numbers. No hit ends early.
+/// Hits beyond the stability boundary, none of which ends early. The limit cycles there keep the states away from
+/// subnormal numbers.
 struct Hits(u32, VelocitySettings);
 
 impl Work for Hits {
@@ -53,7 +54,7 @@ impl Work for Hits {
     }
 }
 
-/// Million samples per second in one run.
+/// Throughput of one run, in million samples per second.
 fn throughput(
     settings: VelocitySettings,
     prepared: &PreparedScene,
@@ -69,7 +70,7 @@ fn throughput(
     f64::from(hits) * SAMPLES as f64 / began.elapsed().as_secs_f64() / 1e6
 }
 
-/// Million samples per second of the plain loop.
+/// Throughput of the plain `f64` loop, in million samples per second.
 fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f64 {
     let began = Instant::now();
     let runs = 4;

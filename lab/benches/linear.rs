@@ -4,7 +4,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use host_sim::analysis::linear::{Boundary, Device, Loop, TransferFunction};
 use std::hint::black_box;
 
-/// Sum of the stiffness limits of all cutoffs and dampings.
+/// Computes the stiffness limit for each cutoff and damping, and returns the sum of these limits.
 fn figure(period: u32) -> f64 {
     let cutoffs = [20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0];
     let mut sum = 0.0;

@@ -1,6 +1,6 @@
-//! A plain scalar `f64` loop with the equations of a wall hit, the reference of the benchmarks. The loop takes only the
-//! filter's coefficients from the simulator. At the boundary the loop is in a limit cycle, so no state becomes
-//! subnormal.
+//! A plain scalar `f64` loop with the equations of a wall hit. The benchmarks compare the simulator with this loop. The
+//! loop takes only the filter's coefficients from the simulator. At the stability boundary the loop is in a limit
+//! cycle. So no state becomes subnormal.
 
 use host_sim::simulation::twin::LowPass;
 use zwidth::velocity::ButterworthDesign;
