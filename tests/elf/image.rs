@@ -33,7 +33,7 @@ const RECORD: u32 = 0x0800_C000;
 const UNUSED_VECTOR: u32 = 0x0800_0000 + 4 * 60;
 /// Longest time of one complete image check, in samples.
 const PASS: u64 = 1_000;
-/// Samples until a board has booted, also after a reset by the watchdog.
+/// Number of samples after which a board has booted. `RESET` is the number if the watchdog must reset it first.
 const BOOT: u64 = 200;
 const RESET: u64 = 1_200;
 

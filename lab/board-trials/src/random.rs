@@ -33,7 +33,7 @@ impl Random {
         *self.one(all)
     }
 
-    /// True with probability 1 in `n`.
+    /// Returns true in one of `n` calls on average.
     pub fn once_in(&mut self, n: u64) -> bool {
         self.below(n) == 0
     }

@@ -22,7 +22,7 @@ pub struct Coefficients<W> {
     pub a: [W; 2],
 }
 
-/// Fractional bits of a coefficient in a word of `word_bits` bits.
+/// Number of fractional bits of a coefficient, if a word has `word_bits` bits.
 pub const fn fraction(word_bits: u32) -> u32 {
     word_bits - 2
 }
@@ -39,7 +39,7 @@ impl<W: Word> Coefficients<W> {
     /// values.
     ///
     /// # Errors
-    /// The DC sum rounds to 0, so the output could not move.
+    /// The DC sum rounds to 0. The output could then never change.
     pub fn exact_at_dc(p: &Prototype) -> Result<Self, Refused> {
         #[expect(clippy::cast_precision_loss, reason = "a power of two")]
         let one = (1u64 << fraction(W::BITS)) as f64;
@@ -53,7 +53,7 @@ impl<W: Word> Coefficients<W> {
     }
 }
 
-/// b0 x + b1 x1 + b2 x2 - a1 y1 - a2 y2.
+/// Computes `b0 x + b1 x1 + b2 x2 - a1 y1 - a2 y2`.
 #[inline]
 fn sum<W: Word>(c: &Coefficients<W>, x: [W; 3], y: [W; 2]) -> W::Wide {
     c.b[0].times(x[0]) + c.b[1].times(x[1]) + c.b[2].times(x[2])
@@ -163,7 +163,7 @@ mod tests {
         velocity::{BiquadState, ButterworthDesign},
     };
 
-    /// Speeds of a hand, LSB: fast, slow, backwards, zero.
+    /// Speed of a hand at sample `n`, in LSB. The motion is fast, slow, backwards and zero in turn.
     fn speeds(n: i32) -> i32 {
         let seed = n.wrapping_mul(1_103_515_245).wrapping_add(12_345);
         match n / 500 % 4 {

@@ -1,6 +1,6 @@
 //! Names of all combinations of format and form.
 
-/// Number format, or library of the filter.
+/// The number format of a filter, or the library that it comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Format {
     /// The core: 32-bit coefficients, 64-bit sums, with error feedback.

@@ -6,8 +6,8 @@ use filter_forms::{Filter, Step, Variant, Visit};
 
 use crate::analysis::compare::Cost;
 
-/// Cost of one update of `variant`, with conversion from and to velocity bits. The cycles are from a table, which a
-/// test compares with a measurement.
+/// Cost of one update of `variant`. It includes the conversion from and to velocity bits. The cycles are from a stored
+/// table, and a test compares this table with a measurement.
 pub fn of(variant: Variant) -> Option<Cost> {
     Cost::find(include_str!("../../../host-sim/data/filter_cost.csv"), &variant.to_string())
 }

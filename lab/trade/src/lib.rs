@@ -55,11 +55,11 @@ use sim_studies::{analysis, study};
 /// Settings that all filters of a scene share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bench {
-    /// Samples per second, in Hz.
+    /// Sample rate, in Hz.
     pub rate_hz: f64,
     /// Length of a count, in m.
     pub resolution_m: f64,
-    /// Fractional bits of a signal in Q15.
+    /// Number of fractional bits of a signal in Q15.
     pub q15_fraction: u32,
 }
 
@@ -114,7 +114,7 @@ fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 
-/// LSB of the core's velocity in one count per sample.
+/// One count per sample is this number of LSB of the core's velocity.
 const LSB_PER_COUNT: f64 = 65_536.0;
 
 /// Default cutoffs: from 0.1 Hz in steps of 1, 2, 5; then 0.45 of the rate.

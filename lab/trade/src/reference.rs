@@ -4,7 +4,7 @@ use filter_forms::Prototype;
 
 use crate::numerics::double::Double;
 
-/// The root near `start` of an equation, by Newton's method. `next` makes one step.
+/// Finds the root of an equation near `start` by Newton's method. `next` makes one step of the method.
 fn improved(start: f64, next: impl Fn(Double) -> Double) -> Double {
     (0..3).fold(start.into(), |value, _| next(value))
 }
@@ -29,7 +29,7 @@ impl Reference {
         Self { g, d, s: [0.0.into(); 2] }
     }
 
-    /// The output for an input in counts per sample.
+    /// Advances the filter by one sample. Input and output are in counts per sample.
     #[inline]
     pub fn step(&mut self, x: f64) -> f64 {
         let [s1, s2] = self.s;

@@ -1,5 +1,5 @@
-//! Sines with a whole number of periods in a whole number of samples. The response is a sum over this window. So there
-//! is no spectral leakage.
+//! Sines with a whole number of periods in a whole number of samples. The response is computed as a sum over exactly
+//! these samples. So there is no spectral leakage.
 
 use std::f64::consts::PI;
 
@@ -58,7 +58,7 @@ impl Tone {
         self.phasor[(n % self.window) as usize]
     }
 
-    /// The response. `sum` is the sum of the outputs times the phasor over a window, in LSB.
+    /// The filter's response. `sum` is the sum of each output times its phasor over a window, in LSB.
     pub fn response(&self, sum: Complex<f64>) -> Complex<f64> {
         sum / self.spectrum
     }

@@ -40,7 +40,7 @@ const NUMBERS: [&str; 22] = [
 const NAMES: [&str; 6] =
     ["butterworth", "butterworth-prewarped", "first-order", "difference", "kalman-3", "nonsense"];
 
-/// A command with values for its usage, allowed or not.
+/// Makes a command from its usage. Its values may be allowed or not.
 fn command(random: &mut Random, usage: &str) -> String {
     let Some((name, what)) = usage.split_once(' ') else { return usage.to_owned() };
     let word = match what {

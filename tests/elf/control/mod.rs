@@ -28,7 +28,7 @@ const SAMPLES: u64 = 50_000;
 struct Session {
     counts: Vec<u32>,
     records: Vec<Record>,
-    /// Settings in the order in which the firmware used them.
+    /// All settings that the firmware has used, in this order.
     controls: Vec<LoopParameters>,
     lines: usize,
     watch: Watch,

@@ -38,7 +38,7 @@ fn words(world: &World<'_>, place: (u32, u32), value: i32) -> Vec<u32> {
     words.filter(|(word, _)| **word == value.to_le_bytes()).map(|(_, at)| at).collect()
 }
 
-/// Bytes that are 0 in each of `without` and 1 in each of `with`.
+/// Addresses of the bytes that are 0 in each memory of `without` and 1 in each memory of `with`.
 fn flags(place: (u32, u32), without: &[Vec<u8>], with: &[Vec<u8>]) -> Vec<u32> {
     let is = |all: &[Vec<u8>], at: usize, value| all.iter().all(|bytes| bytes[at] == value);
     (0..place.1 as usize)

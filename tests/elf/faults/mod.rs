@@ -121,7 +121,7 @@ fn flood(firmware: &Firmware, samples: u64) -> Row {
     }
 }
 
-/// Number of tried cases of damage. All cases must end as expected.
+/// Damages stored data in many ways, which must all end as expected. Returns the number of cases.
 fn cases(firmware: &Firmware, damage: impl Fn(&mut World<'_>) -> Result<usize, Failed>) -> usize {
     damage(&mut firmware.boot()).unwrap()
 }

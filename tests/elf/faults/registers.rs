@@ -82,7 +82,8 @@ fn a_register_that_changes_takes_the_force_away_within_3_ms(board: Board) {
     assert!(world.powered.amplifier.is_enabled());
 }
 
-/// Registers of the output watchdog and of enable: TIM8, DMA2's first flags and its stream 1, TIM1.
+/// Registers of the output watchdog and of enable. They belong to TIM8, to DMA2 (its first flags and stream 1) and to
+/// TIM1.
 const CHAIN: [(u32, &[u32]); 3] = [
     (TIM8, &[0x00, 0x04, 0x08, 0x0C, 0x10, 0x24, 0x28, 0x2C, 0x30]),
     (DMA2, &[0x00, 0x28, 0x2C, 0x30, 0x34, 0x3C]),

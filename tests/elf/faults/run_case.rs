@@ -23,8 +23,8 @@ pub struct CaseResult {
     pub kept: String,
 }
 
-/// A board, armed or not, as the fault case needs it. The handle is moved by 0.1 mm first, so that the position differs
-/// from the counter's reading.
+/// Prepares a board that is armed or not, as the fault case needs it. The handle is moved by 0.1 mm first, so that the
+/// position differs from the counter's reading.
 pub fn prepare(firmware: &Firmware, before: Before, depth: Depth) -> Snapshot {
     let mut world = firmware.boot();
     let world = &mut world;

@@ -338,8 +338,8 @@ impl Oracle {
         Ok(())
     }
 
-    /// Compares enable and output code of the hardware with the library's. Codes are counted from zero force. No task
-    /// may be running.
+    /// Compares the hardware's enable and output code with the library's. A code is 0 at zero force. No task may be
+    /// running during the call.
     ///
     /// # Errors
     /// The outputs differ.
@@ -357,10 +357,10 @@ impl Oracle {
         })
     }
 
-    /// Checks that both sides have sent the same, after all typed lines were answered.
+    /// Checks that both sides have sent the same bytes. All typed lines must have been answered before the call.
     ///
     /// # Errors
-    /// One side has sent less.
+    /// One side has sent less than the other.
     pub fn is_complete(&self) -> Result<(), String> {
         let waiting = [&self.image, &self.library]
             .map(|said| (String::from_utf8_lossy(&said.replies), said.frames.len()));
@@ -383,8 +383,8 @@ fn line(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|byte| *byte == b'\n').map(|at| at + 1)
 }
 
-/// Replies that list parts of a build. Each entry has the beginning of the reply, and the separator of the reply's
-/// items.
+/// Replies with a list that depends on the features of the build. Each entry has the beginning of the reply, and the
+/// text between two items of the list.
 const LISTS: [(&str, &str); 2] = [("ok help, ", ", "), ("error: unknown estimator, allowed ", " ")];
 /// Numbers of the estimators that are in every build.
 const EVERYWHERE: RangeInclusive<u32> = 1..=5;

@@ -12,7 +12,8 @@ use crate::{
 pub struct Recorded {
     start_m: f64,
     positions_m: Vec<f64>,
-    /// Command that takes effect within each sample, in N. `None` if no command takes effect.
+    /// One entry per sample: the commanded force that takes effect within the sample, in N. `None` if no command takes
+    /// effect in it.
     commands_n: Vec<Option<f64>>,
 }
 
@@ -20,7 +21,7 @@ pub struct Recorded {
 pub struct Replayed {
     /// Largest distance from the recorded position, in m.
     pub error_m: f64,
-    /// Steps that the integrator tried.
+    /// Number of steps that the integrator tried.
     pub steps: u64,
     pub samples: u32,
 }
