@@ -145,8 +145,8 @@ fn truths(count: usize, has: Has) -> Vec<Truth> {
         .collect()
 }
 
-/// Results for one parameter: how often its interval contains the true value. For a term, there is also the number of
-/// models with this term.
+/// Counts for one parameter. They tell how often its interval contains the true value. For a term, they also tell how
+/// many models have this term.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     held: usize,

@@ -14,7 +14,7 @@ use zwidth::{
 
 const RATE_HZ: f64 = 5e4;
 const HOURS: u64 = 24;
-/// Samples of an hour.
+/// Number of samples in an hour.
 const HOUR: u64 = 3600 * 50_000;
 
 #[test]
@@ -57,8 +57,8 @@ fn a_day_in_contact_at_50_khz_does_not_drift() {
     }
 }
 
-/// At constant speed, the filter's sums always stay within the ripple of the counts. The filter's gain at 0 Hz is
-/// exactly one, to the last bit.
+/// At constant speed, the sum of the velocities always stays within the ripple of the counts. The reason is that the
+/// filter's gain at 0 Hz is exactly one, to the last bit.
 #[test]
 #[ignore = "a minute; CI runs it"]
 fn a_day_at_constant_speed_the_velocitys_sum_is_the_way_to_one_count() {
