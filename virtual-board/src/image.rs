@@ -18,8 +18,8 @@ fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Builds the ELF of a board as `cargo firmware` does, in a separate target directory. So the build does not wait for
-/// the `cargo` command that runs this code. Several processes build one after another. Adds the target to the tool
+/// Builds the ELF of a board as `cargo firmware` does. The build has a separate target directory, so it does not wait
+/// for the `cargo` command that runs this code. Several processes build one after another. Adds the target to the tool
 /// chain if it is missing. Removes `RUSTFLAGS`, since these flags are for the host.
 ///
 /// # Errors

@@ -18,7 +18,7 @@ pub struct RttTcp {
 }
 
 impl RttTcp {
-    /// Connects to the port of `HOST:PORT` and to the ports after it.
+    /// Connects to the port in `HOST:PORT` and to the ports that follow it.
     ///
     /// # Errors
     /// The address is not valid, or no server answers there. The error is one line of text.

@@ -27,8 +27,8 @@ pub(super) struct Clock {
     touched: AtomicBool,
     /// Whether the chip's clock differs from the clock that was set up.
     changed: AtomicBool,
-    /// State of a changed clock, in four fields: cycle of the change, cycles lost before the change, present frequency
-    /// and set-up frequency, MHz.
+    /// State of a changed clock. The four fields are the cycle of the change, the cycles lost before the change, the
+    /// present frequency and the frequency that the program has set up. Frequencies are in MHz.
     since: AtomicU64,
     lost: AtomicU64,
     mhz: AtomicU64,
@@ -162,7 +162,7 @@ pub(super) struct Lazy {
     apart: bool,
     /// Core cycles for which the device was stopped while the core was halted.
     pub(super) stood: Arc<AtomicU64>,
-    /// Cycle to which the device must be advanced before an access; 0: it is up to date.
+    /// The cycle to which the device must be advanced before an access. 0 means that it is up to date.
     owed: Arc<AtomicU64>,
 }
 

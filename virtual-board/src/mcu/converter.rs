@@ -35,7 +35,8 @@ const SMPR1: u64 = 0x0C;
 const SMPR2: u64 = 0x10;
 const SQR3: u64 = 0x34;
 const DR: u64 = 0x4C;
-/// Offsets for registers of the model only: whether a conversion runs, its start time, and its input at the start.
+/// Offsets of registers that only this model has. They store whether a conversion runs, its start time, and its input
+/// at the start.
 const GOES_ON: u64 = 0x60;
 const BEGAN: [u64; 2] = [0x64, 0x68];
 const THERE: u64 = 0x6C;

@@ -66,7 +66,7 @@ fn code(random: &mut Random) -> Vec<u8> {
     halves.into_iter().flat_map(u16::to_le_bytes).collect()
 }
 
-/// A chip that has left its reset. Its floating-point unit is on, and a region of its RAM is protected. `off`: the
+/// A chip that has left its reset. Its floating-point unit is on, and a region of its RAM is protected. With `off` the
 /// emulator runs every instruction.
 fn chip(program: &[(u32, Vec<u8>)], off: bool) -> Mcu {
     let chip = Chip { flash_bytes: 0x1_0000, ..NUCLEO_F446RE.chip };
