@@ -1,6 +1,6 @@
-//! Throughput of the lanes on one core, for each backend of this machine. The benchmark also measures a plain scalar
-//! `f64` loop with the same equations. The rounds of all backends are interleaved. Only the best round of a backend
-//! counts, because other work on the machine can only slow a round down.
+//! Measures the throughput of the lanes on one core, for each backend of this machine. The benchmark also measures a
+//! plain scalar `f64` loop with the same equations. The rounds of all backends are interleaved. Only the best round of
+//! a backend counts, because other work on the machine can only slow a round down.
 //!
 //! `cargo bench -p host-sim-bench --bench batch -- --figure STEM` measures something else: time and memory, against the
 //! number of hits and of samples. This command writes STEM.csv and STEM.png.
@@ -56,7 +56,7 @@ impl Work for Hits {
     }
 }
 
-/// Samples per second of one run.
+/// Throughput of one run, in samples per second.
 fn throughput(prepared: &PreparedScene, engine: Engine, numeric: Numeric) -> f64 {
     // The scalar loop is slow, and needs fewer hits for the same precision.
     let hits = if engine == Engine::Core { HITS / 4 } else { HITS };

@@ -1,7 +1,7 @@
-//! Throughput of every estimator with lanes, on one core and for each backend of this machine. The benchmark also
-//! measures a plain scalar `f64` loop with the same equations. The result is docs/data/batch-estimators.csv. The rounds
-//! of all backends are interleaved. Only the best round of a backend counts, because other work on the machine can only
-//! slow a round down.
+//! Measures the throughput of every estimator that has lanes, on one core and for each backend of this machine. The
+//! benchmark also measures a plain scalar `f64` loop with the same equations. The result is
+//! docs/data/batch-estimators.csv. The rounds of all backends are interleaved. Only the best round of a backend counts,
+//! because other work on the machine can only slow a round down.
 //!
 //! With `-- --core`, only the scalar loop is measured, for all estimators.
 #![allow(

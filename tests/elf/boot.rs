@@ -1,4 +1,4 @@
-//! The unmodified release ELF of each board: its layout in flash, its boot, and two equal runs.
+//! Tests the unmodified release ELF of each board: its layout in flash, its boot, and that two runs are equal.
 
 use std::{ops::Range, path::Path};
 

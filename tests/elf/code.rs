@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use virtual_board::elf::Elf;
 
-/// An instruction: its address, its first half-word, and its second half-word or 0.
+/// An instruction. It has its address, its first half-word, and its second half-word or 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Instruction {
     pub at: u32,

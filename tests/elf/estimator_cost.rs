@@ -1,6 +1,6 @@
-//! Every estimator on the board's core. The image has no panic. The velocities equal the host's bit for bit. No update
-//! takes more than a quarter of the sample period. The cycles are the emulator's, with zero wait states. The cycles
-//! were not compared with silicon.
+//! Runs every estimator on the board's core. The image has no panic. The velocities equal the host's bit for bit. No
+//! update takes more than a quarter of the sample period. The cycles are the emulator's, with zero wait states. The
+//! cycles were not compared with silicon.
 
 use zwidth::{
     Design, Output, VelocitySettings,
@@ -80,8 +80,8 @@ impl Random {
     }
 }
 
-/// Inputs that may make an update long: standstill, full windows, ends of the range, reversals, chatter, noise of every
-/// size, random jumps.
+/// Inputs that may make an update long. They have standstill, full windows, ends of the range, reversals, chatter,
+/// noise of every size, and random jumps.
 fn inputs() -> Vec<i32> {
     let mut seed = 1u32;
     let mut random = move || {

@@ -28,7 +28,7 @@ use zwidth::{
 /// Addresses, each with its bytes.
 type Flash = Vec<(u32, Vec<u8>)>;
 
-/// A board's release ELF; it is built if needed.
+/// The release ELF of a board. It is built if needed.
 pub struct Firmware {
     pub board: Board,
     pub elf: Elf,

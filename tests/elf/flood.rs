@@ -141,7 +141,7 @@ fn pass(world: &mut World<'_>, n: u64, reads: bool) {
     }
 }
 
-/// Compares two runs from the same state: in one the host floods the board, in the other it sends nothing.
+/// Compares two runs from the same state. In one the host floods the board, in the other it sends nothing.
 fn flood(
     world: &mut World<'_>,
     kept: &Snapshot,

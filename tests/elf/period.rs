@@ -1,5 +1,6 @@
-//! The output period, set on the console of one image. At each period, every frame of a hit equals the frame that
-//! the core computes on the host. The tests also check the time of the tasks, and which estimators have enough time.
+//! Tests the output period, which is set on the console of one image. At each period, every frame of a hit equals the
+//! frame that the core computes on the host. The tests also check the time of the tasks, and which estimators have
+//! enough time.
 
 use virtual_board::{
     board::{BOARDS, Board, Force},
@@ -232,7 +233,7 @@ pub fn records(world: &mut World<'_>) -> (Vec<Record>, u64) {
     (found, decoder.dropped)
 }
 
-/// Cycles of an estimator's longest update, from the table that `estimator_cost` checks.
+/// Cycles of an estimator's longest update. They are from the table that the test `estimator_cost` checks.
 fn cycles_of(name: EstimatorName) -> u64 {
     cost_row("estimator_cost.csv", TABLE, name.text())[1].parse().unwrap()
 }

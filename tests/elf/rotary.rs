@@ -1,6 +1,7 @@
-//! A rotary scene, and the linear scene of the same device at its handle, on the same image. The settings in force are
-//! equal bit for bit. So the hit is the same, and the texts differ only in their units. Longer texts take more cycles,
-//! and an interrupt waits for the running instruction. So a count that is about to change may be read a sample later.
+//! Runs a rotary scene, and the linear scene of the same device at its handle, on the same image. The settings in force
+//! are equal bit for bit. So the hit is the same, and the texts differ only in their units. Longer texts take more
+//! cycles, and an interrupt waits for the running instruction. So a count that is about to change may be read a sample
+//! later.
 
 use std::{collections::BTreeMap, path::Path};
 

@@ -139,7 +139,7 @@ pub fn twin_over_random_motion(settings: &VelocitySettings, push: f64) -> (f64, 
 /// changes with every sample.
 pub type Pieces = Vec<(i32, usize, bool)>;
 
-/// Random pieces: standstill, slow and fast motion, and jumps to the ends of the range.
+/// Draws the pieces of a motion. They are standstill, slow and fast motion, and jumps to the ends of the range.
 pub fn pieces() -> impl Strategy<Value = Pieces> {
     let step = prop_oneof![
         Just(0),

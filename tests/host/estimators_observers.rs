@@ -1,4 +1,4 @@
-//! Tracking loop, observer and fusion: their documented properties and limits.
+//! Tests the documented properties and limits of tracking loop, observer and fusion.
 
 use std::f64::consts::PI;
 

@@ -1,4 +1,4 @@
-//! Adaptive windowing, Levant's differentiator and the Kalman filters: measures their documented properties.
+//! Measures the documented properties of adaptive windowing, Levant's differentiator and the Kalman filters.
 
 use std::f64::consts::PI;
 

@@ -1,4 +1,4 @@
-//! The fixed-point velocity filter compared with theory: coefficients, cutoff, frequency response, gain at DC.
+//! Compares the fixed-point velocity filter with theory: its coefficients, cutoff, frequency response and gain at DC.
 
 use std::f64::consts::PI;
 

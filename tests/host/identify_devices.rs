@@ -1,8 +1,8 @@
-//! `identify` of random exact devices. A device has mass and damping. A device may have a spring, Coulomb or Stribeck
-//! friction, cogging, a slow amplifier, an offset force or a periodic error of the encoder. A device runs in open loop,
-//! or in a loop of speed or position with the encoder's counts, at 100 Hz to 10 kHz, with rests. This file integrates
-//! the devices itself (Runge and Kutta of order 4, reversals by bisection). So this file has no code of the fitted
-//! model.
+//! Tests `identify` on random devices that are simulated exactly. A device has mass and damping. A device may have a
+//! spring, Coulomb or Stribeck friction, cogging, a slow amplifier, an offset force or a periodic error of the encoder.
+//! A device runs in open loop, or in a loop of speed or position with the encoder's counts, at 100 Hz to 10 kHz, with
+//! rests. This file integrates the devices itself (Runge and Kutta of order 4, reversals by bisection). So this file
+//! has no code of the fitted model.
 
 use std::{f64::consts::TAU, fmt::Write as _};
 

@@ -1,6 +1,6 @@
-//! `identify` of devices with dry friction, a slow amplifier, an offset force and a periodic encoder error. The values
-//! must be inside their intervals, and no term may be invented. The records are from the simulator's own plants. The
-//! integrator of these plants has no code of the fitted model.
+//! Tests `identify` on devices with dry friction, a slow amplifier, an offset force and a periodic encoder error. The
+//! values must be inside their intervals, and no term may be invented. The records are from the simulator's own plants.
+//! The integrator of these plants has no code of the fitted model.
 
 use std::f64::consts::TAU;
 

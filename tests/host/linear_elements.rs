@@ -1,4 +1,4 @@
-//! Linear elements in the loop: the limit of oscillation of the simulated loop, compared with the linear analysis.
+//! Runs the simulated loop with linear elements, and compares its limit of oscillation with the linear analysis.
 
 use std::ops::ControlFlow;
 

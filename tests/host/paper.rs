@@ -1,4 +1,4 @@
-//! The paper's results on its own device, and the effect of fixed point compared with the `f64` twin.
+//! Tests the paper's results on its own device, and the effect of fixed point in comparison with the `f64` twin.
 
 use std::sync::{OnceLock, atomic::AtomicBool};
 

@@ -1,4 +1,5 @@
-//! A day at 50 kHz: 4.3e9 samples, more than fit into 32 bits. Ignored by default; CI runs it.
+//! Runs a day at 50 kHz. It has 4.3e9 samples, which is more than fits into 32 bits. The tests are ignored by default,
+//! but CI runs them.
 
 use std::ops::ControlFlow;
 

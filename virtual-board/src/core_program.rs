@@ -315,7 +315,7 @@ impl CoreProgram {
         true
     }
 
-    /// Runs the last part of the task `link`: the console.
+    /// Runs the last part of the task `link`, which is the console.
     pub fn pass(&mut self, listens: bool) {
         self.console.pass(listens);
     }
@@ -370,7 +370,7 @@ impl CoreProgram {
         self.output().map(|code| f64::from(code) / full)
     }
 
-    /// Samples per output.
+    /// Number of samples per output.
     pub fn period(&self) -> u32 {
         self.down.parameters.period.get()
     }

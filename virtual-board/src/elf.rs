@@ -33,7 +33,7 @@ impl Elf {
         Self::parse(input::read(path, input::PROGRAM)?, &path.display().to_string())
     }
 
-    /// Parses the bytes of a file; `origin` names the file in error messages.
+    /// Parses the bytes of a file. `origin` names the file in error messages.
     ///
     /// # Errors
     /// The bytes are not a 32-bit little-endian ELF.

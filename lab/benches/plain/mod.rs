@@ -54,7 +54,8 @@ impl Filter for Butterworth {
 
 const T: f64 = 1e-4;
 
-/// A wall hit by the equations alone: mass, quantiser, difference, estimator, wall, saturation and latency.
+/// Computes a wall hit from the equations alone. They are those of mass, quantiser, difference, estimator, wall,
+/// saturation and latency.
 #[inline(never)]
 pub fn plain(mut filter: impl Filter, stiffness: f64, damping: f64) -> f64 {
     let (mass, b, k, rest) = (0.4160, 5.5195, 11.0626, 0.0517);

@@ -1,4 +1,4 @@
-//! Random numbers of the campaigns, the same on every machine.
+//! Random numbers for the campaigns. They are the same on every machine.
 
 use host_sim::notation::rounded;
 

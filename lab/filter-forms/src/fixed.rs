@@ -1,4 +1,5 @@
-//! Direct forms in fixed point, by the core's rules, with or without error feedback. For Q15 each word is half as wide.
+//! Direct forms in fixed point, with or without error feedback. They follow the rules of the core. For Q15 each word is
+//! half as wide.
 //!
 //! A coefficient has two bits before the point, because `|a1|` reaches 1.98. The other bits are after the point: 30
 //! bits in a 32-bit word, 14 bits in Q15. The core's rule makes the DC gain exactly one. This is the best that these
@@ -16,9 +17,9 @@ use crate::{
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coefficients<W> {
-    /// Numerator: b0, b1 and b2.
+    /// The coefficients of the numerator, b0, b1 and b2.
     pub b: [W; 3],
-    /// Denominator: a1 and a2.
+    /// The coefficients of the denominator, a1 and a2.
     pub a: [W; 2],
 }
 

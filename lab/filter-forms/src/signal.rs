@@ -1,4 +1,4 @@
-//! Conversion of the core's velocity to a signal of each format, and back.
+//! Converts the core's velocity to a signal of each format, and back.
 
 use zwidth::units::Velocity;
 

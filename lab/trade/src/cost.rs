@@ -1,4 +1,5 @@
-//! Cost of one filter update: stored cycles on the board's core, and measured nanoseconds on this machine.
+//! The cost of one filter update. The cycles on the board's core are from a stored table. The nanoseconds on this
+//! machine are measured.
 
 use std::time::Instant;
 

@@ -52,7 +52,7 @@ pub enum Criterion {
     /// Mean error at a constant speed.
     Bias,
     Noise,
-    /// Limit cycle after a stop.
+    /// The limit cycle that remains after a stop.
     Rest,
     Area,
 }

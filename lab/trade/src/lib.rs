@@ -117,7 +117,8 @@ fn larger(a: f64, b: f64) -> f64 {
 /// One count per sample is this number of LSB of the core's velocity.
 const LSB_PER_COUNT: f64 = 65_536.0;
 
-/// Default cutoffs: from 0.1 Hz in steps of 1, 2, 5; then 0.45 of the rate.
+/// The default cutoffs. They begin at 0.1 Hz and have the steps 1, 2 and 5 in each decade. The last one is 0.45 of the
+/// rate.
 pub fn default_cutoffs_hz(rate_hz: f64) -> Vec<f64> {
     let highest = 0.45 * rate_hz;
     let decades = (-1..6).map(|exponent| 10f64.powi(exponent));

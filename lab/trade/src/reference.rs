@@ -1,4 +1,5 @@
-//! Output of the exact filter: the state-variable form in double-double arithmetic, with 32 digits.
+//! Computes the output of the exact filter. It is the state-variable form in double-double arithmetic, which has 32
+//! digits.
 
 use filter_forms::Prototype;
 
@@ -55,7 +56,7 @@ mod tests {
         assert!((sum - 1.0).abs() < 1e-15, "{sum}");
     }
 
-    /// Far below the cutoff `f64` loses digits, but the reference does not: after a step, its output ends at 1.
+    /// Far below the cutoff `f64` loses digits, but the reference does not. After a step, its output ends at 1.
     #[test]
     fn at_the_lowest_cutoff_a_step_ends_at_1() {
         let mut reference = Reference::new(0.1, 1e4);

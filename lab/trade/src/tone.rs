@@ -15,7 +15,7 @@ pub struct Tone {
     input: Vec<i32>,
     /// Cosine and sine at each sample of the window.
     phasor: Vec<Complex<f64>>,
-    /// Sum of the rounded input times the phasor, over the window.
+    /// The sum of each rounded input times its phasor over the window.
     spectrum: Complex<f64>,
 }
 

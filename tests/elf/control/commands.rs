@@ -31,7 +31,7 @@ impl Random {
     }
 }
 
-/// Step from one usage to the next; a prime number, so that all usages are reached.
+/// Step from one usage to the next. It is a prime number, so that all usages are reached.
 const STEP: usize = 17;
 const NUMBERS: [&str; 22] = [
     "0", "1", "-1", "2", "0.1", "0.5", "0.001", "0.005", "0.02", "-0.01", "5", "5.9", "30", "300",

@@ -56,8 +56,8 @@ fn nothing_delays_the_samples(board: Board) {
     assert!(session.lines > 500, "{}", session.lines);
 }
 
-/// The same firmware with the masks of a critical section of `cortex-m`: where BASEPRI was raised, all interrupts are
-/// disabled; where BASEPRI was restored, all interrupts are enabled.
+/// Changes the firmware as if its logger used a critical section of `cortex-m`. Where BASEPRI was raised, all
+/// interrupts are now disabled. Where BASEPRI was restored, all interrupts are enabled.
 fn with_critical_sections(firmware: &Firmware) -> Elf {
     const MSR: u16 = 0xF380;
     let mut elf = firmware.elf.clone();

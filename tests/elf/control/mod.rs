@@ -1,6 +1,7 @@
-//! The release ELF under load, in a session that is run once. The telemetry equals what the core computes on the host,
-//! bit for bit. The delay of samples, interrupt masks, cycles and memory are within limits. Further tests: the time
-//! limits of faults in any sample, commands in any order, the latency of commands, and a host that does not read.
+//! Tests the release ELF under load, in a session that is run once. The telemetry must equal what the core computes on
+//! the host, bit for bit. The delay of samples, interrupt masks, cycles and memory must be within limits. Further tests
+//! cover the time limits of faults in any sample, commands in any order, the latency of commands, and a host that does
+//! not read.
 
 mod acknowledgement;
 mod budget;

@@ -1,4 +1,4 @@
-//! Damage of RTT's control block, of the end of the stack, of clock and chip. The program must not write to a wrong
+//! Damages RTT's control block, the end of the stack, the clock and the chip. The program must not write to a wrong
 //! address. If the program waits, it must report the reason.
 
 use virtual_board::{

@@ -96,7 +96,7 @@ const CHAIN: [(u32, &[u32]); 3] = [
     ),
 ];
 
-/// Time from `begun` until enable is inactive, in s; `None` while it is active.
+/// Time from `begun` until enable became inactive, in s. `None` if it is still active.
 fn off_after(world: &World<'_>, begun: u64) -> Option<f64> {
     let off = world.powered.amplifier.changes().disabled_at.filter(|&at| at >= begun)?;
     let is_off = !world.powered.amplifier.is_enabled();

@@ -159,7 +159,7 @@ fn the_area_of_a_walk_is_that_of_its_quiet_walls() {
     }
 }
 
-/// One push is not enough: a wall far above all others is stable at the scene's push, but not at a push that is 3 %
+/// One push is not enough. A wall far above all others is stable at the scene's push, but not at a push that is 3 %
 /// larger.
 #[test]
 fn a_wall_is_quiet_at_all_four_pushes_or_not_at_all() {

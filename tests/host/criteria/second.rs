@@ -7,8 +7,8 @@ use host_sim::study::levers::{Between, Lever, levers};
 use super::*;
 use crate::figure::figure;
 
-/// State: position and speed of the device, position and speed of the handle behind the transmission, force of the
-/// amplifier, and the constant 1.
+/// Number of states. They are position and speed of the device, position and speed of the handle behind the
+/// transmission, force of the amplifier, and the constant 1.
 const STATES: usize = 6;
 type Matrix = [[f64; STATES]; STATES];
 type State = [f64; STATES];
@@ -64,7 +64,8 @@ fn rates(scene: &Scene, command_n: f64) -> Matrix {
     a
 }
 
-/// Matrices for one sample: the whole step, and the parts before and after the time at which a command acts.
+/// Matrices for one sample. They advance the whole step, and the parts before and after the time at which a command
+/// acts.
 struct Steps {
     /// For each part: the step without a command, and the additional motion per newton of a command.
     parts: [(Matrix, State); 3],

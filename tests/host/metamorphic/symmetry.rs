@@ -70,7 +70,7 @@ fn a_late_reading_is_of_the_way_to_the_next_sample() {
     });
 }
 
-/// The scene mirrored at 0: its plant, and the errors of its readings.
+/// The scene mirrored at position 0. Its plant is mirrored, and so are the errors of its readings.
 fn mirrored(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     scene.device.rest_position_m *= -1.0;

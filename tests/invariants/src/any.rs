@@ -189,7 +189,7 @@ pub fn counts(pieces: &[Piece]) -> Vec<i64> {
 pub struct Random(pub u64);
 
 impl Random {
-    /// Any 64 bits (SplitMix64).
+    /// The next 64 random bits, by SplitMix64.
     pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;

@@ -1,4 +1,4 @@
-//! The duty limit: a model of the motor's winding.
+//! Properties of the duty limit, which is a model of the motor's winding.
 
 use std::fmt;
 

@@ -1,4 +1,4 @@
-//! Every estimator of the table, with all accepted parameters on all accepted designs.
+//! Properties of every estimator of the table, with all accepted parameters on all accepted designs.
 
 use proptest::prelude::*;
 use zwidth::{

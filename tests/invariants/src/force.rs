@@ -1,4 +1,4 @@
-//! The force of supervisor, wall, gain fade, ramp and output together.
+//! Properties of the force that supervisor, wall, gain fade, ramp and output give together.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -37,7 +37,7 @@ enum Event {
     Gains(f64, f64),
     /// The push of the experiment, in LSB of the force.
     Push(i32),
-    /// Another estimator: its index in the list, and its parameters.
+    /// Another estimator, by its index in the list and its parameters.
     Estimator(usize, any::Parts),
     Ask(Request),
     Inputs(Inputs),

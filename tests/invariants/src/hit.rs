@@ -48,7 +48,7 @@ fn model(plan: &HitPlan, limit: u32, samples: &[(i32, bool)]) -> Verdict {
     if stable { Verdict::Stable } else { Verdict::Unstable }
 }
 
-/// A limit at which the verdict changes: the RMS of the positions, or a random value near this RMS.
+/// A limit near which the verdict changes. It is the RMS of the positions, or a random value near this RMS.
 fn limit_near(window: &[(i32, bool)], off: i64) -> u32 {
     let n = window.len() as f64;
     let rms = (scatter(window) as f64).sqrt() / n * 65_536.0;

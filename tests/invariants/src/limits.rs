@@ -19,7 +19,7 @@ type Refusal<'a> = dyn Fn(f64) -> Option<SettingsError> + 'a;
 
 type With<T> = fn(T, f64) -> T;
 
-/// The two texts of an error: one for readers of scenes, one for users of the console.
+/// The two texts of an error. One is for readers of scenes, the other for users of the console.
 fn printed(error: &SettingsError) -> [String; 2] {
     [error.to_string(), Text::<200>::of(Reply::Range(error)).as_str().to_owned()]
 }

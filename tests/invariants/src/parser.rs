@@ -1,4 +1,4 @@
-//! The console's commands and numbers, compared with the standard library.
+//! Compares the console's commands and numbers with the standard library.
 
 use proptest::prelude::*;
 use zwidth::{

@@ -1,4 +1,4 @@
-//! The ring of positions between sampling and output task, run step by step.
+//! Runs the ring of positions between sampling task and output task, step by step.
 
 use std::sync::{Mutex, PoisonError};
 

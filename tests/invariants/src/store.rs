@@ -1,4 +1,4 @@
-//! Settings in flash, with a power cut at any time.
+//! Properties of the settings in flash, if the power may be cut at any time.
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,

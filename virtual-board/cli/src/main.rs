@@ -228,7 +228,8 @@ const LAST: u64 = 2_000;
 /// Longest wait between two checks of the interrupt flag.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Runs a session. Lines from a keyboard run at most in real time; lines from a file or pipe run as fast as possible.
+/// Runs a session. With lines from a keyboard, the board is never faster than real time. With lines from a file or
+/// pipe, it runs as fast as possible.
 fn run(
     session: &Session,
     period: Option<u32>,

@@ -151,7 +151,7 @@ impl CoreBoard {
         done
     }
 
-    /// Runs one sample: first the count, then the output if it is due, then the plant.
+    /// Runs one sample. First the count is read, then an output is computed if it is due, then the plant moves.
     fn sample(&mut self) {
         let index = self.samples;
         let next_n = self.on_the_way.front().filter(|(at, _)| *at == index);

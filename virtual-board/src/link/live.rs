@@ -65,7 +65,7 @@ impl LiveBoard {
     /// Switches a board on as [`start`](Self::start) does, with a port for gdb. The listener must not block.
     ///
     /// # Errors
-    /// The errors of [`start`](Self::start).
+    /// The same errors as in [`start`](Self::start).
     pub fn with_gdb(
         session: Session,
         begin: Begin,

@@ -53,6 +53,6 @@ pub trait Link: Send {
     /// Sends bytes down channel `channel`. Returns how many bytes had room.
     fn write(&mut self, channel: usize, bytes: &[u8]) -> usize;
 
-    /// The reason why the board is lost; `None` while it is connected.
+    /// The reason why the board is lost. `None` while it is connected.
     fn lost(&self) -> Option<String>;
 }

@@ -1,4 +1,4 @@
-//! RTT over TCP with one port for each channel, like OpenOCD's `rtt server`.
+//! Connects to RTT over TCP. Each channel has its own port, as with OpenOCD's `rtt server`.
 
 use std::{
     io::{Read as _, Write as _},

@@ -87,7 +87,7 @@ impl Clock {
         (cycles * self.set_up_mhz.load(Relaxed)).div_ceil(self.mhz.load(Relaxed).max(1))
     }
 
-    /// Cycles that the chip's clock has counted at `cycle`.
+    /// Number of cycles that the chip's clock has counted up to `cycle`.
     fn own(&self, cycle: u64) -> u64 {
         if !self.changed.load(Relaxed) {
             return cycle;
@@ -338,7 +338,7 @@ impl<P: Port> MemOps for Registers<P> {
     }
 }
 
-/// A port without actions of its own.
+/// A port that only advances its device before an access.
 #[derive(Debug)]
 pub(super) struct Plain(pub(super) Lazy);
 

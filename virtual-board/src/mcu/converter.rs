@@ -1,4 +1,5 @@
-//! ADC1 and ADC2: single conversions, started by the program (RM0390 13.3.4, 13.4, 13.13; RM0090 13.3.4, 13.4, 13.13).
+//! Simulates ADC1 and ADC2. The program starts each conversion (RM0390 13.3.4, 13.4, 13.13; RM0090 13.3.4, 13.4,
+//! 13.13).
 //!
 //! A conversion reads the voltage at the end of its sampling time. The result appears twelve converter cycles later.
 //! Two inputs are wired. Input 4 is the DAC's pin, whose buffer gives 0.2 to 3.1 V. Input 8 is the amplifier's current

@@ -27,7 +27,7 @@ pub enum AfterHalt {
 pub struct Halt {
     /// Whether TIM1 is stopped, with its outputs off.
     masked: bool,
-    /// The main output enable before the halt.
+    /// Whether TIM1's main output was enabled before the halt.
     enabled: bool,
     stored: u64,
     resets: u64,

@@ -58,7 +58,7 @@ pub struct EdgeNotes {
 #[derive(Clone, Debug, Default)]
 struct Edges {
     waiting: VecDeque<(u64, i32)>,
-    /// Count that A and B show now. `last` is the count after the last waiting edge.
+    /// The count that A and B show now. `last` is the count after the last waiting edge.
     shown: i32,
     last: i32,
     /// Channels whose level does not change.

@@ -161,7 +161,8 @@ impl Mcu {
         self.soc.encoder.kill(channel, dead);
     }
 
-    /// TIM1's compare registers of channels 1 and 2 (magnitude and sign of a PWM), then the DAC's code.
+    /// Reads the registers that set the force. The first two are TIM1's compare registers of channels 1 and 2, which
+    /// have magnitude and sign of a PWM. The third has the DAC's code.
     pub fn force_registers(&self) -> [u32; 3] {
         [self.soc.pwm.peek(0x34), self.soc.pwm.peek(0x38), self.soc.dac.get(0x08)]
     }

@@ -1,4 +1,4 @@
-//! Inputs that are driven from outside the chip: pins, the stop, the supply.
+//! Drives the inputs of the chip from outside: pins, the emergency stop and the supply.
 
 use super::{Mcu, Pin, SUPPLY_IRQ};
 

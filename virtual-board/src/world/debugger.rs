@@ -56,7 +56,7 @@ impl World<'_> {
     /// call completes this sample.
     ///
     /// # Errors
-    /// The errors of [`sample`](Self::sample).
+    /// The same errors as in [`sample`](Self::sample).
     pub fn sample_until_met(&mut self, stops: &Stops) -> Result<Option<Met>, Ended> {
         loop {
             let to = self.step_end();

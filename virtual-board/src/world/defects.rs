@@ -1,4 +1,4 @@
-//! Defects outside the chip, and notes of the motor's force and the motion.
+//! Simulates defects outside the chip. Also notes the motor's force and the motion.
 
 use std::{f64::consts::TAU, sync::atomic::Ordering::Relaxed};
 
@@ -16,7 +16,7 @@ pub struct Defects {
     pub converters_stand: bool,
 }
 
-/// A wrong count: `at + offset + ratio (count - at) + per_sample (samples - since)` in place of `count`.
+/// A defect that replaces `count` by `at + offset + ratio (count - at) + per_sample (samples - since)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CountDefect {
     pub at: i32,
@@ -24,7 +24,7 @@ pub struct CountDefect {
     pub since: u64,
     /// Counts that are added at the beginning of the defect.
     pub offset: i32,
-    /// Fraction of the motion that is counted.
+    /// The fraction of the motion that is counted.
     pub ratio: f64,
     /// Counts that are added in each sample.
     pub per_sample: f64,
@@ -87,7 +87,7 @@ impl Swing {
     }
 }
 
-/// Time constant of the filter between the amplifier's current signal and the board, in s: 1.6 kHz.
+/// Time constant of the filter between the amplifier's current signal and the board, in s. Its cutoff is 1.6 kHz.
 const SENSE_S: f64 = 1e-4;
 
 impl World<'_> {

@@ -56,7 +56,7 @@ pub struct FaultCase {
 }
 
 impl FaultCase {
-    /// A case with the default values: the handle is pressed into the wall, and only the fault `code` is expected.
+    /// A case with the default values. The handle is pressed into the wall, and only the fault `code` is expected.
     pub(super) const fn of(name: &'static str, code: u32, limit_us: f64, begin: Begin) -> Self {
         Self {
             name,
@@ -117,8 +117,8 @@ const HANDLER_US: f64 = 2.0;
 /// Time limit for the interrupt of the supply detector, in us. The interrupt waits while `render` runs, and while the
 /// logger masks interrupts.
 pub const BROWN_OUT_US: f64 = 60.0;
-/// Time limit for the watchdog, in us: its timeout at the nominal clock, plus the output period in which the watchdog
-/// was last fed.
+/// Time limit for the watchdog, in us. It is the timeout at the nominal clock, plus the output period in which the
+/// watchdog was last fed.
 pub const WATCHDOG_US: f64 = 51_000.0;
 
 /// Time limit for a fault that stops the processor, in us: the timeout of the output watchdog (contract.rs), plus one

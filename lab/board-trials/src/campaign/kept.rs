@@ -26,7 +26,7 @@ pub(super) const BACKUP: u32 = 0x4002_4000;
 const BACKUP_WORDS: u32 = 1024;
 /// Number of random contents that are tried for each memory.
 const RANDOM: usize = 16;
-/// Samples until the board has booted. With any contents of flash, the boot takes 12 ms at most.
+/// Number of samples after which the board has booted. With any contents of flash, the boot takes 12 ms at most.
 const BOOT: u64 = 150;
 
 const NO_FAULT: &str = "ok status off, fault none";

@@ -91,7 +91,7 @@ impl Verdict {
     }
 }
 
-/// Settings of a measurement: how a fault is watched, the time limit, and the handle.
+/// Settings of a measurement. They say how a fault is watched, its time limit, and what the handle does.
 #[derive(Clone, Copy)]
 pub struct Measure<'a> {
     /// Cycle of the fault.

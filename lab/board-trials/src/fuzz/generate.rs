@@ -324,7 +324,7 @@ fn useful(random: &mut Random, seen: &Situation<'_>) -> String {
     }
 }
 
-/// Any line: a command with or without its values, invalid numbers, or random text.
+/// Any line. It is a command with or without its values, has invalid numbers, or is random text.
 fn any(random: &mut Random) -> String {
     if random.once_in(6) {
         let length = 1 + random.below(20);

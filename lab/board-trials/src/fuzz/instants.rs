@@ -44,7 +44,7 @@ const PIECES: usize = 64;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Wrong {
     pub event: &'static str,
-    /// Cycles from the start of the period.
+    /// Number of cycles from the start of the period to the instant.
     pub cycle: u64,
     pub what: String,
 }

@@ -120,7 +120,7 @@ pub struct Oracle {
     device: &'static Device<'static>,
     memories: Memories,
     cause: ResetCause,
-    /// The library's program; `None` until the image has read its first count.
+    /// The library's program. `None` until the image has read its first count.
     program: Option<CoreProgram>,
     image: Said,
     library: Said,

@@ -7,7 +7,7 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// A hit with the reference method: the positions of the handle, and the commands.
+/// A hit that was run with the reference method. It has the positions of the handle, and the commands.
 #[derive(Clone, Debug)]
 pub struct Recorded {
     start_m: f64,

@@ -1,4 +1,4 @@
-//! The channels of a board behind a probe: received and sent bytes, and checks that the board is connected.
+//! The channels of a board behind a probe. This file receives and sends bytes, and checks that the board is connected.
 
 use std::time::{Duration, Instant};
 

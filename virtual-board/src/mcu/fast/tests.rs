@@ -28,7 +28,7 @@ impl Random {
         all[self.below(u32::try_from(all.len()).unwrap()) as usize]
     }
 
-    /// A random word: an address, an operand near a limit, or any value.
+    /// A random word. It is an address, an operand near a limit, or any value.
     fn word(&mut self) -> u32 {
         match self.below(8) {
             0 => RAM + self.below(RAM_BYTES),
@@ -49,7 +49,7 @@ const MPU_CTRL: u32 = 0xE000_ED94;
 const CPACR: u32 = 0xE000_ED88;
 const CYCCNT: u32 = 0xE000_1004;
 
-/// Random code: all short encodings, and long encodings whose first half-word the manual defines.
+/// Random code. It has all short encodings, and long encodings whose first half-word the manual defines.
 fn code(random: &mut Random) -> Vec<u8> {
     let mut halves = Vec::new();
     while halves.len() < HALF_WORDS as usize {
