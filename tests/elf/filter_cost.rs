@@ -7,7 +7,7 @@ use filter_forms::{Filter, Form, Format, Variant};
 use crate::mailbox::{Mailbox, assert_cost};
 
 const RATE_HZ: f64 = 1e4;
-/// Fractional bits of a signal in Q15: full scale is 128 counts per sample.
+/// Number of fractional bits of a signal in Q15. Full scale is then 128 counts per sample.
 const Q15_FRACTION: u32 = 8;
 
 /// The motions of the test. They are at rest, slow, at the largest speed of Q15, reversing, at the core's limit, and of

@@ -1,5 +1,5 @@
-//! Hits with the criterion `quiet` by the release ELF. Each hit has several pushes. The tests compare these hits with
-//! the simulator's hits from the same starts.
+//! Runs hits with the criterion `quiet` on the release ELF. Each hit has several pushes. The tests compare these hits
+//! with the simulator's hits from the same starts.
 
 use host_sim::{
     scene::{Criterion, NamedScene, RmsOf, Scene},

@@ -35,8 +35,8 @@ fn rms_m<C: Controller + Copy>(simulation: &mut Simulation<C>, samples: u32) -> 
     (positions_m.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt()
 }
 
-/// The linear case in the real loop: the handle is deep in a bilateral spring wall. Each sample has an output without
-/// latency. Counts are 10 nm long, and the actuator never saturates.
+/// A scene in which the real loop is linear. The handle is deep in a bilateral spring wall. Each sample has an output
+/// without latency. Counts are 10 nm long, and the actuator never saturates.
 fn linear_scene(rate_hz: f64, stiffness_n_per_m: f64) -> Scene {
     const DEPTH_M: f64 = 1e-3;
     const DEFLECTION_M: f64 = 1e-4;

@@ -277,7 +277,7 @@ pub fn sines() -> impl Strategy<Value = Vec<(f64, f64)>> {
     prop::collection::vec((-2.0..2.0f64, -1.0..1.0f64), 20)
 }
 
-/// Counts that jump by any amount, and inputs without physical meaning.
+/// Inputs without physical meaning, with counts that jump by any amount.
 #[derive(Clone, Debug)]
 pub struct Nonsense {
     jumps: Vec<i32>,

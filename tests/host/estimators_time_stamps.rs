@@ -151,7 +151,8 @@ fn spans_out_of_range_are_refused_by_name() {
     }
 }
 
-/// A scene's edges are from a cubic between samples. The test compares these edges with the motion itself.
+/// A simulated scene takes its edges from a cubic polynomial between two samples. The test compares these edges with
+/// the motion itself.
 #[test]
 fn edges_of_a_simulated_motion_are_where_the_motion_crosses() {
     // The handle reverses within a sample, over an edge and back. The edge is then the return crossing.

@@ -1,5 +1,5 @@
-//! The ends of every range: nothing panics, wraps or fails silently. Tests check for overflow, so an addition that
-//! wraps fails the test.
+//! Tests the ends of every range. Nothing may panic, wrap or fail silently. Tests check for overflow, so an addition
+//! that wraps fails the test.
 
 use host_sim::{
     scene::{Accelerometer, NamedScene, Scene},

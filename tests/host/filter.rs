@@ -10,9 +10,9 @@ use zwidth::{
 };
 
 const RATES_HZ: [f64; 3] = [1e3, 1e4, 5e4];
-/// LSB of a coefficient, 2^-30.
+/// The value of one LSB of a coefficient, 2^-30.
 const COEFFICIENT_LSB: f64 = 1.0 / (1u64 << 30) as f64;
-/// LSB of a velocity, 2^-16.
+/// The value of one LSB of a velocity, 2^-16 counts per sample.
 const VELOCITY_LSB: f64 = 1.0 / (1u64 << 16) as f64;
 
 fn low_pass(cutoff_hz: f64, prewarp: bool) -> VelocitySettings {

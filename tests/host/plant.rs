@@ -1,4 +1,4 @@
-//! Tests of the plant alone, on which other tests depend.
+//! Tests the plant alone. Other tests depend on these tests.
 
 use host_sim::{
     plant::{Plant as _, PlantStep},

@@ -84,7 +84,8 @@ fn keep_sealed(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, Strin
     keep(folder, &sealed, name)
 }
 
-/// Copies a built file to its own name, atomically, since the next build of another variant replaces the original.
+/// Copies a built file to a name of its own, because the next build of another variant replaces the original. The copy
+/// appears under this name only when it is complete.
 fn keep(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
     let (draft, kept) = (folder.join("draft"), folder.join(name));
     std::fs::copy(built, &draft)

@@ -1,5 +1,5 @@
-//! Bits that flip in the memory of `render`, and in the data that `render` gives to `sample`. Data that decides a force
-//! is stored twice.
+//! Flips bits in the memory of `render`, and in the data that `render` gives to `sample`. Data that decides a force is
+//! stored twice.
 
 use virtual_board::{
     board::Board,

@@ -1,6 +1,6 @@
-//! Faults that must switch the force off, on the unmodified release ELF. The tests check the latched fault, the stored
-//! data, and the time until enable is inactive and the output code is that of zero force. Only `clear` and `arm` bring
-//! the force back. docs/lab/campaigns.md has the table, and how each fault is caused.
+//! Causes faults that must switch the force off, on the unmodified release ELF. The tests check the latched fault and
+//! the stored data. They also check the time until enable is inactive and the output code is that of zero force. Only
+//! `clear` and `arm` bring the force back. docs/lab/campaigns.md has the table, and how each fault is caused.
 //!
 //! `cargo test --test elf -- --ignored --nocapture campaign` prints the whole table.
 

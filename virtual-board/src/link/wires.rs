@@ -34,7 +34,7 @@ pub struct Seen {
     pub enabled: bool,
     /// Time at which enable last became inactive, in s of the board's time.
     pub disabled_s: Option<f64>,
-    /// Present speed of the simulation, in simulated seconds per real second.
+    /// Recent speed of the simulation, in simulated seconds per real second.
     pub speed: f64,
 }
 

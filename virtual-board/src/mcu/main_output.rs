@@ -1,4 +1,4 @@
-//! TIM1's main output: BDTR with its lock, and the break input.
+//! Simulates TIM1's main output. It is controlled by the register BDTR, which has a lock, and by the break input.
 
 use std::sync::{
     Arc,

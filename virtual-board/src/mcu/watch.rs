@@ -63,7 +63,7 @@ pub struct Watch {
     pub delays: BTreeMap<u64, u64>,
     /// Number of cycles from a sampling event to a write of the output task into the output's registers.
     pub commands: Cycles,
-    /// Cycles of each task. The key is the task's exception number.
+    /// Cycles of each task. The key of the map is the task's exception number.
     pub tasks: BTreeMap<u16, Cycles>,
     /// How often the emulator has lost ITSTATE and the loss was corrected.
     pub mended: u64,

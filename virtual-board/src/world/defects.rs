@@ -22,11 +22,11 @@ pub struct CountDefect {
     pub at: i32,
     /// The sample at which the defect began.
     pub since: u64,
-    /// Counts that are added at the beginning of the defect.
+    /// Number of counts that are added at the beginning of the defect.
     pub offset: i32,
     /// The fraction of the motion that is counted.
     pub ratio: f64,
-    /// Counts that are added in each sample.
+    /// Number of counts that are added in each sample.
     pub per_sample: f64,
 }
 

@@ -78,9 +78,9 @@ impl Region {
 
 pub struct Places {
     words: [Vec<u32>; REGIONS.len()],
-    /// Bits of the peripherals' registers that can change.
+    /// The bits of the registers of peripherals that a flip can change, as address and bit number.
     pub bits: Vec<(u32, u8)>,
-    /// Bits of the independent watchdog's reload register that can change.
+    /// The same for the reload register of the independent watchdog.
     pub watchdog: Vec<(u32, u8)>,
     /// Address after the last word of the stack.
     pub stack_end: u32,
@@ -138,7 +138,8 @@ const IWDG_OPEN: u32 = 0x5555;
 const RAM_END: u32 = 0x2002_0000;
 const AIRCR: u32 = 0xE000_ED0C;
 const AIRCR_KEY: u32 = 0x05FA_0000;
-/// Address distance from a register of the NVIC that sets bits to the register that clears the same bits, in bytes.
+/// The NVIC has one register to set bits and another to clear the same bits. Their addresses differ by this numberof
+/// bytes.
 const NVIC_CLEARS: u32 = 0x80;
 
 impl Places {

@@ -155,7 +155,7 @@ impl Oracle {
         }
     }
 
-    /// The library's program, once the image has started.
+    /// The library's program. `None` until the image has started.
     pub fn program(&self) -> Option<&CoreProgram> {
         self.program.as_ref()
     }
