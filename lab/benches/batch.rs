@@ -79,7 +79,7 @@ fn plain_throughput() -> f64 {
     8.0 * SAMPLES as f64 / began.elapsed().as_secs_f64()
 }
 
-/// The largest value: the value of the round with the least disturbance by other work on the machine.
+/// The largest value. It is from the round that other work on the machine has disturbed least.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }

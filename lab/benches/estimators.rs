@@ -81,7 +81,7 @@ fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f6
     f64::from(runs) * SAMPLES as f64 / began.elapsed().as_secs_f64() / 1e6
 }
 
-/// The largest rate: the rate of the run with the least disturbance.
+/// The largest rate. It is from the run that other work on the machine has disturbed least.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }

@@ -1,4 +1,4 @@
-//! Checks of the image's checksum, at boot and while the board runs.
+//! Tests how the board checks its image's checksum, at boot and while it runs.
 
 use board_trials::campaign::{
     image_flips::{End, Part},

@@ -1,4 +1,4 @@
-//! Telemetry of the release ELF: the core on the host computes every sample of a session again.
+//! Tests the telemetry of the release ELF. The core on the host computes every sample of a session again.
 
 use host_sim::analysis::{recompute::Recomputed, telemetry::Capture};
 use virtual_board::{board::Board, world::World};

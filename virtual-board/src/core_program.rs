@@ -26,7 +26,7 @@ const REPORTS: usize = 15;
 /// Largest number of bytes that wait for the host.
 const UNREAD: usize = 4096;
 
-/// Memories that a reset keeps: the settings in flash and the words of the backup RAM.
+/// The memories that a reset keeps. They are the settings in flash and the words of the backup RAM.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Memories {
     flash: Option<Stored>,
@@ -34,7 +34,7 @@ pub struct Memories {
 }
 
 impl Memories {
-    /// Simulates a loss of supply: only flash is kept.
+    /// Simulates a loss of supply, after which only flash is kept.
     pub fn lose_power(&mut self) {
         self.backup = Default::default();
     }

@@ -158,7 +158,8 @@ mod tests {
         })
     }
 
-    /// Compares the two sources of the same arithmetic: CMSIS-DSP's documentation, as written above, and idsp.
+    /// Compares two sources of the same arithmetic. One is CMSIS-DSP's documentation, from which the code above is
+    /// written. The other is idsp.
     #[test]
     fn the_form_with_wide_outputs_is_that_of_idsp_to_the_bit() {
         for cutoff_hz in [0.5, 20.0, 1500.0] {

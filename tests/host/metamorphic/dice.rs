@@ -31,9 +31,9 @@ pub fn cases(usual: u64, mut relation: impl FnMut(&mut Dice)) {
     }
 }
 
-/// Random numbers of one case.
+/// The random numbers of one test case.
 pub struct Dice {
-    /// Seed and case, for the message of a failure.
+    /// The seed and the number of the case, for the message of a failure.
     pub name: String,
     random: Xoshiro256PlusPlus,
 }

@@ -113,7 +113,7 @@ pub enum Piece {
     Leap(i32),
 }
 
-/// Motions that a handle can make, with speeds up to `fastest` counts per sample.
+/// Draws motions that a handle can make, with speeds up to `fastest` counts per sample.
 pub fn motion(fastest: f64) -> impl Strategy<Value = Vec<Piece>> + Clone {
     let speed = move || {
         (part(), any::<bool>()).prop_map(move |(part, back)| {
@@ -135,7 +135,7 @@ pub fn motion(fastest: f64) -> impl Strategy<Value = Vec<Piece>> + Clone {
     )
 }
 
-/// Motions that no handle can make: jumps over the whole range of a counter.
+/// Draws motions that no handle can make. They jump over the whole range of a counter.
 pub fn nonsense() -> impl Strategy<Value = Vec<Piece>> + Clone {
     prop::collection::vec(
         prop_oneof![

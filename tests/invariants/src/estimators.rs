@@ -158,7 +158,8 @@ crate::properties! {
         }
     }
 
-    /// Nothing overflows and every velocity is in range, with any counts and inputs, after new tunings and restarts.
+    /// Nothing overflows and every velocity is in range, for any counts and inputs, also after new tunings and
+    /// restarts.
     no_overflow(400, (each, pieces, seed) in (
         several(),
         prop::collection::vec(prop_oneof![any::nonsense(), any::motion(32_767.0)], 2..5),

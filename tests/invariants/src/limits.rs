@@ -31,8 +31,8 @@ fn ends(line: &str) -> [f64; 2] {
     [low, high].map(|end| end.parse().unwrap())
 }
 
-/// Both printed ends are accepted when they are typed. The next number outside, with the same number of digits, is
-/// refused.
+/// Both printed ends are accepted when they are typed. The next number outside the range that has the same number of
+/// digits is refused.
 fn holds(name: &str, refusal: &Refusal<'_>) {
     let wrong = |value: f64| refusal(value).filter(|error| error.parameter == name);
     // Outside either end, and not a number.

@@ -180,7 +180,7 @@ impl Lazy {
         Self { device, operations, clock, divider, apart: false, stood, owed }
     }
 
-    /// Makes the device's clock independent: it runs on when the chip's clock stops.
+    /// Makes the device's clock independent. It then runs on when the chip's clock stops.
     pub(super) fn apart(self) -> Self {
         Self { apart: true, ..self }
     }

@@ -85,7 +85,7 @@ impl Mcu {
         self.end_halt(&halt, moe);
     }
 
-    /// Begins a halt: the core is halted from now on.
+    /// Begins a halt. From now on the core is halted.
     pub fn begin_halt(&mut self) -> Halt {
         self.settle();
         let masked = self.soc.tim1_stops();

@@ -34,7 +34,7 @@ impl World<'_> {
         self.powered.mcu.stay_halted(cycles);
     }
 
-    /// Ends the halt: the core and the plant continue.
+    /// Ends the halt, so that the core and the plant continue.
     pub fn end_halt(&mut self, halted: &Halted, moe: AfterHalt) {
         let Powered { mcu, amplifier, .. } = &mut self.powered;
         mcu.end_halt(&halted.chip, moe);

@@ -1,4 +1,4 @@
-//! Faults in registers: a register gets a value that the program has not set.
+//! Faults in registers. A register gets a value that the program has not set.
 
 use virtual_board::{
     board::{Board, Force},

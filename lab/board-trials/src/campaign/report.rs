@@ -52,7 +52,7 @@ pub struct Campaign {
     /// Use only the setups whose console lines contain these words, such as "period 1, cutoff 50" or "kalman".
     #[arg(long, value_name = "WORDS", requires = "sample_bits", default_value = "")]
     setup: String,
-    /// Seed of the random flips: the same number gives the same flips.
+    /// Seed of the random flips. The same number gives the same flips.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
     /// Number of the first random flip. With this option one flip can be run again.

@@ -40,7 +40,7 @@ pub struct Observed {
     pub saves: bool,
 }
 
-/// The content of a frame: outputs and parts.
+/// The content of a telemetry frame. It has outputs and parts.
 #[derive(Clone)]
 struct Told {
     sequence: u32,

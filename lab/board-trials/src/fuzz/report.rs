@@ -29,7 +29,7 @@ pub struct Fuzz {
     /// The firmware's ELF. It is built if this option is missing.
     #[arg(long)]
     elf: Option<PathBuf>,
-    /// Seed of the sessions: the same number gives the same sessions.
+    /// Seed of the sessions. The same number gives the same sessions.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Number of commands in all sessions. The last session may send a few more.

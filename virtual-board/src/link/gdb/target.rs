@@ -32,7 +32,7 @@ use crate::{
     world::{Halted, World},
 };
 
-/// The watchdog's bit in DBGMCU's register for APB1.
+/// The bit in DBGMCU's register for APB1 that stops the watchdog in a halt.
 const WATCHDOG_STOPS: u32 = 1 << 12;
 /// Error numbers of gdb's protocol. `EFAULT` means a bad address, `EROFS` read-only memory.
 const EFAULT: u8 = 14;
