@@ -234,7 +234,7 @@ fn string(text: &str) -> usize {
     text.len()
 }
 
-/// Length of a character such as `'x'` or `'\n'`, or of the sign before a lifetime.
+/// Length of a character literal such as `'x'` or `'\n'`, or of the sign `'` before a lifetime.
 fn character(text: &str) -> usize {
     let mut chars = text.char_indices().skip(1);
     match chars.next() {

@@ -78,9 +78,10 @@ impl Region {
 
 pub struct Places {
     words: [Vec<u32>; REGIONS.len()],
-    /// The bits of the registers of peripherals that a flip can change, as address and bit number.
+    /// The bits that a flip can change in the registers of peripherals. Each has the register's address and the bit's
+    /// number.
     pub bits: Vec<(u32, u8)>,
-    /// The same for the reload register of the independent watchdog.
+    /// The bits that a flip can change in the reload register of the independent watchdog.
     pub watchdog: Vec<(u32, u8)>,
     /// Address after the last word of the stack.
     pub stack_end: u32,
