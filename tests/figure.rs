@@ -2,7 +2,8 @@
 
 use std::{fmt::Display, fs, path::Path};
 
-/// Folder of the figures. For unit tests of a crate, cargo does not set `CARGO_TARGET_TMPDIR`.
+/// Folder to which the figures are written. Cargo does not set `CARGO_TARGET_TMPDIR` for unit tests of a crate, so the
+/// folder is then named here.
 const FOLDER: &str = match option_env!("CARGO_TARGET_TMPDIR") {
     Some(folder) => folder,
     None => concat!(env!("CARGO_MANIFEST_DIR"), "/../../target/tmp"),

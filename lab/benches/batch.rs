@@ -1,6 +1,6 @@
-//! Throughput of the lanes on one core, for each backend of this machine. The benchmark also measures a plain scalar
-//! `f64` loop with the same equations. The rounds of all backends are interleaved. Only the best round of a backend
-//! counts, because other work on the machine can only slow a round down.
+//! Measures the throughput of the lanes on one core, for each backend of this machine. The benchmark also measures a
+//! plain scalar `f64` loop with the same equations. The rounds of all backends are interleaved. Only the best round of
+//! a backend counts, because other work on the machine can only slow a round down.
 //!
 //! `cargo bench -p host-sim-bench --bench batch -- --figure STEM` measures something else: time and memory, against the
 //! number of hits and of samples. This command writes STEM.csv and STEM.png.
@@ -29,11 +29,12 @@ use plain::{Butterworth, SAMPLES, plain};
 use zwidth::VelocitySettings;
 
 const ROUNDS: usize = 25;
-/// Hits of a round, a multiple of every number of lanes.
+/// Number of hits in a round. It is a multiple of every backend's number of lanes.
 const HITS: u32 = 16;
 const FILTER: VelocitySettings = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
 
-/// Hits near the boundary, where limit cycles keep the states away from subnormal numbers. No hit ends early.
+/// Hits close to the stability boundary, none of which ends early. The limit cycles there keep the states away from
+/// subnormal numbers.
 struct Hits {
     left: u32,
     unstable: u32,
@@ -55,7 +56,7 @@ impl Work for Hits {
     }
 }
 
-/// Samples per second of one run.
+/// Throughput of one run, in samples per second.
 fn throughput(prepared: &PreparedScene, engine: Engine, numeric: Numeric) -> f64 {
     // The scalar loop is slow, and needs fewer hits for the same precision.
     let hits = if engine == Engine::Core { HITS / 4 } else { HITS };
@@ -78,7 +79,7 @@ fn plain_throughput() -> f64 {
     8.0 * SAMPLES as f64 / began.elapsed().as_secs_f64()
 }
 
-/// The largest value: the value of the round with the least disturbance by other work on the machine.
+/// The largest value. It is from the round that other work on the machine has disturbed least.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }
@@ -134,7 +135,7 @@ fn prepared_of(samples: u64) -> PreparedScene {
     PreparedScene::new(&scene).unwrap()
 }
 
-/// Processor time of one thread for `hits` hits, s.
+/// Processor time of one thread for `hits` hits, in s.
 fn cost_of(prepared: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
     let hit = |number: u64| WallHit {
         velocity: FILTER,
@@ -170,23 +171,23 @@ fn cost_of(prepared: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
     }
 }
 
-/// Shortest time of a measurement, s. The system counts a thread's time in ticks of some milliseconds.
+/// Shortest time of a measurement, in s. The system counts a thread's time in ticks of some milliseconds.
 const ENOUGH_S: f64 = 0.3;
 
-/// Processor time of this thread so far, s. Other work on the machine does not count.
+/// Processor time of this thread so far, in s. Other work on the machine does not count.
 fn processor_s() -> f64 {
     let text = fs::read_to_string("/proc/thread-self/schedstat").unwrap();
     text.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-9
 }
 
-/// Peak memory of this process so far, MB.
+/// The largest memory that this process has used so far, in MB.
 fn peak_mb() -> f64 {
     let text = fs::read_to_string("/proc/self/status").unwrap();
     let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     line.trim().trim_end_matches(" kB").parse::<f64>().unwrap() / 1024.0
 }
 
-/// Exponent of a power law through the points, by least squares.
+/// The exponent of the power law that fits the points best, by least squares.
 fn slope(line: &[[f64; 2]]) -> f64 {
     let logs = line.iter().map(|point| point.map(f64::log10));
     let n = line.len() as f64;

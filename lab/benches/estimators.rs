@@ -1,7 +1,7 @@
-//! Throughput of every estimator with lanes, on one core and for each backend of this machine. The benchmark also
-//! measures a plain scalar `f64` loop with the same equations. The result is docs/data/batch-estimators.csv. The rounds
-//! of all backends are interleaved. Only the best round of a backend counts, because other work on the machine can only
-//! slow a round down.
+//! Measures the throughput of every estimator that has lanes, on one core and for each backend of this machine. The
+//! benchmark also measures a plain scalar `f64` loop with the same equations. The result is
+//! docs/data/batch-estimators.csv. The rounds of all backends are interleaved. Only the best round of a backend counts,
+//! because other work on the machine can only slow a round down.
 //!
 //! With `-- --core`, only the scalar loop is measured, for all estimators.
 #![allow(
@@ -31,10 +31,11 @@ use zwidth::{
 };
 
 const ROUNDS: usize = 15;
-/// Hits of a round, a multiple of every number of lanes.
+/// Number of hits in a round. It is a multiple of every backend's number of lanes.
 const HITS: u32 = 16;
 
-/// Hits beyond the boundary, where limit cycles keep the states away from subnormal numbers. No hit ends early.
+/// Hits beyond the stability boundary, none of which ends early. The limit cycles there keep the states away from
+/// subnormal numbers.
 struct Hits(u32, VelocitySettings);
 
 impl Work for Hits {
@@ -53,7 +54,7 @@ impl Work for Hits {
     }
 }
 
-/// Million samples per second in one run.
+/// Throughput of one run, in million samples per second.
 fn throughput(
     settings: VelocitySettings,
     prepared: &PreparedScene,
@@ -69,7 +70,7 @@ fn throughput(
     f64::from(hits) * SAMPLES as f64 / began.elapsed().as_secs_f64() / 1e6
 }
 
-/// Million samples per second of the plain loop.
+/// Throughput of the plain `f64` loop, in million samples per second.
 fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f64 {
     let began = Instant::now();
     let runs = 4;
@@ -80,7 +81,7 @@ fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f6
     f64::from(runs) * SAMPLES as f64 / began.elapsed().as_secs_f64() / 1e6
 }
 
-/// The largest rate: the rate of the run with the least disturbance.
+/// The largest rate. It is from the run that other work on the machine has disturbed least.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }

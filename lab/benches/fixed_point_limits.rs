@@ -1,7 +1,7 @@
-//! Limits of fixed point, over encoder resolution and cutoff. The first result is the number of verdicts in which the
-//! core differs from its exact `f64` twin. The second result is this number for a twin that rounds only the velocity,
-//! to the core's LSB. Walls at the boundary are chaotic. So the second number is a lower limit for any arithmetic with
-//! this velocity format.
+//! The limits of fixed point for many encoder resolutions and cutoffs. The first result is the number of verdicts in
+//! which the core differs from its exact `f64` twin. The second result is this number for a twin that rounds only the
+//! velocity, to the core's LSB. Walls at the boundary are chaotic. So the second number is a lower limit for any
+//! arithmetic with this velocity format.
 //!
 //! `cargo run --release -p host-sim-bench --bin fixed_point_limits` writes
 //! `docs/figures/fixed-point-limits.{csv,png}`.
@@ -20,7 +20,8 @@ use zwidth::{VelocitySettings, experiment::Verdict};
 const RESOLUTIONS_M: [f64; 6] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3];
 const CUTOFFS_HZ: [f64; 13] =
     [0.36, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 4900.0];
-/// Steps of K (100 to 1e6 N/m) and of B (0.1 to 1000 N s/m), both in equal ratios. `STARTS` is the number of starts.
+/// Number of values of K and of B that are tried. K goes from 100 to 1e6 N/m and B from 0.1 to 1000 N s/m, both in
+/// equal ratios. `STARTS` is the number of start positions of a hit.
 const STEPS: u64 = 12;
 const STARTS: u64 = 2;
 
@@ -34,7 +35,7 @@ fn hit(cutoff_hz: f64, number: u64) -> WallHit {
     }
 }
 
-/// Verdicts of all walls. Empty if the handle leaves the core's range.
+/// The verdicts of all walls. The list is empty if the handle leaves the range of the core.
 fn verdicts(
     prepared: &PreparedScene,
     numeric: Numeric,

@@ -13,7 +13,7 @@ use zwidth::{
 
 use crate::plain::{Butterworth, Filter, SAMPLES, plain};
 
-/// A Kalman filter of two or three states.
+/// A Kalman filter with two or three states.
 struct Kalman {
     gains: KalmanDesign,
     distance: f64,
@@ -32,7 +32,7 @@ impl Filter for Kalman {
     }
 }
 
-/// A weighted sum of the last differences, the newest first.
+/// A weighted sum of the last differences of the count. The first weight belongs to the newest difference.
 struct Sum {
     weights: Vec<f64>,
     past: [f64; 64],
@@ -99,7 +99,7 @@ impl Filter for Levant {
     }
 }
 
-/// First-order adaptive windowing in one pass. The bounds of the slope become narrower with each older sample.
+/// First-order adaptive windowing in one pass. Each older sample makes the bounds of the slope narrower.
 struct Adaptive {
     best: bool,
     window: usize,
@@ -188,7 +188,7 @@ impl Filter for Observer {
     }
 }
 
-/// The accelerometer of docs/data/paper-1um-accelerometer.toml, for fusion.
+/// The accelerometer of docs/data/paper-1um-accelerometer.toml. The estimator `fusion` needs it.
 pub const ACCELEROMETER: Accelerometer = Accelerometer {
     full_scale_m_per_s2: 157.0,
     resolution_m_per_s2: 0.04,
@@ -260,7 +260,7 @@ impl Filter for Fusion {
     }
 }
 
-/// The sum of counts in a window, divided by the window's length.
+/// The mean of the count's differences in a window: their sum divided by the window's length.
 struct Window {
     past: [f64; 256],
     newest: usize,

@@ -1,6 +1,7 @@
-//! Processor time of `cargo sim sweep --repeat 1 --plain` of both paper scenes, with figures and envelope. The
-//! benchmark compares this time with the time of a C program (`rival/rival.c`), which walks the same boundaries hit by
-//! hit. Before the measurement, the benchmark checks that both programs find the same boundaries in `f64`.
+//! Measures the processor time of `cargo sim sweep --repeat 1 --plain` for both paper scenes, with figures and
+//! envelope. The benchmark compares this time with the time of a C program (`rival/rival.c`), which walks the same
+//! boundaries hit by hit. Before the measurement, the benchmark checks that both programs find the same boundaries in
+//! `f64`.
 //!
 //! The benchmark also measures the sweep without `--plain`. This sweep also has walks with a limit of 1 um, by motor
 //! and by hand. The rounds of all programs are interleaved. Only the best round of a program counts. The benchmark
@@ -28,7 +29,7 @@ use zwidth::{units::Force, velocity::ButterworthDesign};
 const SCENES: [&str; 2] = ["paper-1um", "paper-2um"];
 const ROUNDS: usize = 5;
 
-/// One walk of a scene at a cutoff, in the input format of the C program.
+/// Describes one walk of a scene at one cutoff, as an input line of the C program.
 fn line(prepared: &PreparedScene, cutoff_hz: f64) -> String {
     let (scene, design, plan) = (prepared.scene(), prepared.design(), prepared.plan());
     let device = &scene.device;
@@ -95,7 +96,7 @@ fn simulator() -> PathBuf {
     here.ancestors().nth(2).unwrap().join("host-sim")
 }
 
-/// Processor time of all child processes that have ended, s.
+/// Processor time that all ended child processes have used, in s.
 fn children_s() -> f64 {
     const TICKS_PER_S: f64 = 100.0; // Linux uses this unit on every machine
     let text = fs::read_to_string("/proc/self/stat").unwrap();
@@ -103,7 +104,7 @@ fn children_s() -> f64 {
     fields.skip(13).take(2).map(|ticks| ticks.parse::<f64>().unwrap()).sum::<f64>() / TICKS_PER_S
 }
 
-/// Processor time of `child`, s.
+/// Runs `child` and returns the processor time of the processes that it started, in s.
 fn timed(child: impl FnOnce()) -> f64 {
     let before_s = children_s();
     child();

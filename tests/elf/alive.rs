@@ -6,8 +6,9 @@ use crate::firmware::{Firmware, ok};
 
 each_board!(the_force_goes_in_time_when_the_host_falls_silent);
 
-/// `alive` every 150 ms keeps the force on. Without `alive` the amplifier is switched off at the end of the time that
-/// `alive` has set, or at most one output later. Tested at four phases between the command and the outputs.
+/// `alive` every 150 ms keeps the force on. `alive` also sets the period within which the host must send it again. If
+/// the host sends nothing, the amplifier is switched off at the end of this period, or at most one output later. This
+/// is tested at four phases between the command and the outputs.
 fn the_force_goes_in_time_when_the_host_falls_silent(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();

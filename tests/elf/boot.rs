@@ -1,4 +1,4 @@
-//! The unmodified release ELF of each board: its layout in flash, its boot, and two equal runs.
+//! Tests the unmodified release ELF of each board: its layout in flash, its boot, and that two runs are equal.
 
 use std::{ops::Range, path::Path};
 
@@ -27,7 +27,7 @@ each_board!(
     force_reaches_the_plant_and_disarm_takes_it_away
 );
 
-/// Sectors 1 and 2 of the flash: settings.
+/// Sectors 1 and 2 of the flash, which store the settings.
 const SETTINGS: Range<u32> = 0x0800_4000..0x0800_C000;
 
 fn has_its_vectors(elf: &Elf) {

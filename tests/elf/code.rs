@@ -1,11 +1,11 @@
-//! Reads the machine code of an ELF: the targets of a function's branches, and the functions whose address is stored.
-//! See the Armv7-M architecture reference manual, A5.
+//! Reads the machine code of an ELF. Finds the targets of a function's branches, and the functions whose address is
+//! stored somewhere. See the Armv7-M architecture reference manual, A5.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use virtual_board::elf::Elf;
 
-/// An instruction: its address, its first half-word, and its second half-word or 0.
+/// An instruction. It has its address, its first half-word, and its second half-word or 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Instruction {
     pub at: u32,
@@ -184,7 +184,7 @@ impl Instruction {
         Some(self.at.wrapping_add(4).wrapping_add_signed(offset))
     }
 
-    /// A move of 16 bits into a register, as (whether it is the upper half, register, value).
+    /// If the instruction moves 16 bits into a register: whether they are the upper half, the register, and the value.
     fn move_16(self) -> Option<(bool, usize, u32)> {
         let (first, second) = (u32::from(self.first), u32::from(self.second));
         let upper = match first & 0xFBF0 {

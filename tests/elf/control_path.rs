@@ -115,7 +115,7 @@ fn no_estimator_has_a_panic_formatting_or_soft_float() {
     assert_eq!(forbidden(&names), Vec::<&String>::new());
 }
 
-/// Number of Thumb-2 instructions of a function, without the literals after its code.
+/// Number of Thumb-2 instructions in a function. The literals after its code do not count.
 fn instructions(archive: &[u8], function: &str) -> usize {
     for member in ArchiveFile::parse(archive).unwrap().members() {
         let Ok(file) = object::File::parse(member.unwrap().data(archive).unwrap()) else {

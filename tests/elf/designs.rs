@@ -1,5 +1,5 @@
-//! Designs of a record, selected on the console. With each design, every frame of a hit equals the frame
-//! that the core computes on the host.
+//! Tests the designs of a record, which are selected on the console. With each design, every frame of a hit equals the
+//! frame that the core computes on the host.
 
 use host_sim::scene::{
     NamedScene,

@@ -1,5 +1,5 @@
-//! The estimator `time-stamps` on the board that captures the encoder's edges: the edge of each count, velocities that
-//! equal the core's bit for bit, the error at slow speed, and the cycles.
+//! Tests the estimator `time-stamps` on the board that captures the encoder's edges. The velocities must equal the
+//! core's bit for bit. Further tests check the edge of each count, the error at slow speed, and the cycles.
 
 use host_sim::{
     scene::NamedScene,
@@ -28,10 +28,10 @@ each_board!(an_image_without_the_estimator_does_not_know_it);
 
 /// The board that captures edges.
 const NUCLEO: Board = NUCLEO_F446RE;
-/// Speed of one count per sample in the scene, m/s.
+/// A speed of one count per sample, converted to m/s for this scene.
 const PER_SAMPLE_M_PER_S: f64 = 1e-6 * 1e4;
 const SPAN: u32 = 8;
-/// Number of simulated hits. `AWAY` is the distance between the first and the last start, counts. A return move ends
+/// Number of simulated hits. `AWAY` is the distance between the first and the last start, in counts. A return move ends
 /// within 50 counts of the start.
 const STARTS: u8 = 200;
 const AWAY: f64 = 100.0;
@@ -108,7 +108,8 @@ fn velocities_are_the_cores_fed_with_the_edges_as_they_are_bit_for_bit() {
     bit_for_bit(&firmware, true);
 }
 
-/// The whole motion. `turned`: the encoder's sign is changed, so the encoder counts in the opposite direction.
+/// Compares the velocities bit for bit during the whole motion. With `turned` the encoder's sign is changed, so the
+/// encoder counts in the opposite direction.
 fn bit_for_bit(firmware: &Firmware, turned: bool) {
     let (mut world, taken) = chosen(firmware);
     if turned {
@@ -186,11 +187,11 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
     assert!(near > 100, "{near}");
 }
 
-/// Largest shift of a sample's time, core cycles. `TICK` is a tick of the capturing timer.
+/// Largest shift of a sample's time, in core cycles. `TICK` is a tick of the capturing timer.
 const JITTER: f64 = 8.0;
 const TICK: f64 = 2.0;
 
-/// Allowed error at a speed, by docs/estimators.md.
+/// The error that docs/estimators.md allows at this speed.
 fn allowed(speed: f64) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "18000")]
     let age = (JITTER + TICK) / NUCLEO.cycles_per_sample() as f64 + 1.0 / 65_536.0;

@@ -5,7 +5,7 @@ use zwidth::velocity::Edge;
 
 /// Core cycles per tick of the timers.
 const TICK: u64 = 2;
-/// Delay of the input filter in ticks: 8 equal samples.
+/// Delay of the input filter in ticks. The filter needs 8 equal samples.
 const FILTER: u64 = 8;
 
 /// The latest edge of the count at each sample, and the number of edges within `near` ticks of a reading.

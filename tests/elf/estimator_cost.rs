@@ -1,6 +1,6 @@
-//! Every estimator on the board's core. The image has no panic. The velocities equal the host's bit for bit. No update
-//! takes more than a quarter of the sample period. The cycles are the emulator's, with zero wait states. The cycles
-//! were not compared with silicon.
+//! Runs every estimator on the board's core. The image has no panic. The velocities equal the host's bit for bit. No
+//! update takes more than a quarter of the sample period. The cycles are the emulator's, with zero wait states. The
+//! cycles were not compared with silicon.
 
 use zwidth::{
     Design, Output, VelocitySettings,
@@ -11,7 +11,8 @@ use zwidth::{
 use crate::figure::figure;
 use crate::mailbox::{Mailbox, assert_cost};
 
-/// Cycles in a quarter of 100 us at 168 MHz, the clock of the slower board.
+/// Largest allowed number of cycles. It is a quarter of the sample period of 100 us at 168 MHz, the clock of the slower
+/// board.
 const CYCLES_MAX: u32 = 4200;
 const SAMPLES: usize = 4096;
 /// The table that `cargo sim compare` uses.
@@ -41,7 +42,8 @@ impl Random {
         self.0
     }
 
-    /// Random inputs in addition to the count: any force, and an edge of this sample, an older edge or no edge.
+    /// Random values for the inputs beside the count. The force is any force. The edge belongs to this sample or an
+    /// older one, or is missing.
     fn senses(&mut self) -> Senses {
         let [force, acceleration, age, kind] = [(); 4].map(|()| self.next());
         let up = kind & 8 != 0;
@@ -56,8 +58,8 @@ impl Random {
         }
     }
 
-    /// Difference of counts at sample `n`. Each kind of motion lasts for some time: rest, slow, fast, the limit, jumps,
-    /// reversals.
+    /// Difference of counts at sample `n`. The kinds of motion follow each other, each for some time: rest, slow, fast,
+    /// at the limit, jumps, reversals.
     fn difference(&mut self, n: u32) -> i32 {
         let random = self.next();
         match n / 70 % 7 {
@@ -78,8 +80,8 @@ impl Random {
     }
 }
 
-/// Inputs that may make an update long: standstill, full windows, ends of the range, reversals, chatter, noise of every
-/// size, random jumps.
+/// Inputs that may make an update long. They have standstill, full windows, ends of the range, reversals, chatter,
+/// noise of every size, and random jumps.
 fn inputs() -> Vec<i32> {
     let mut seed = 1u32;
     let mut random = move || {
@@ -107,7 +109,7 @@ fn inputs() -> Vec<i32> {
     all
 }
 
-/// Smallest, default and largest values of a tuning.
+/// The estimator with its smallest, default and largest parameter values.
 fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
     let usual = name.defaults();
     let tuning = usual.tuning().map_or(0.0, |(_, value)| value);

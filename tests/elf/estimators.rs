@@ -22,7 +22,7 @@ each_board!(
     ignored: "images of their own; CI runs it"
 );
 
-/// Samples with each estimator: the handle moves in and out of the wall twice.
+/// Number of samples with each estimator. In this time the handle moves in and out of the wall twice.
 const SAMPLES: u32 = 1_000;
 
 fn with(velocity: VelocitySettings) -> Settings {

@@ -1,4 +1,4 @@
-//! The velocity filter in every number format and form, on the board's core. The image has no panic. The velocities
+//! Runs the velocity filter in every number format and form on the board's core. The image has no panic. The velocities
 //! equal the host's bit for bit, and the cycles equal the table of `cargo sim trade`. The cycles are the emulator's,
 //! with zero wait states. The cycles were not compared with silicon.
 
@@ -7,10 +7,11 @@ use filter_forms::{Filter, Form, Format, Variant};
 use crate::mailbox::{Mailbox, assert_cost};
 
 const RATE_HZ: f64 = 1e4;
-/// Fractional bits of a signal in Q15: full scale is 128 counts per sample.
+/// Number of fractional bits of a signal in Q15. Full scale is then 128 counts per sample.
 const Q15_FRACTION: u32 = 8;
 
-/// Motions: at rest, slow, at the largest speed of Q15, reversing, at the core's limit, and of any size.
+/// The motions of the test. They are at rest, slow, at the largest speed of Q15, reversing, at the core's limit, and of
+/// any size.
 fn inputs() -> Vec<i32> {
     const COUNT: i32 = 1 << 16;
     let mut seed = 1u32;

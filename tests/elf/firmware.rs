@@ -28,7 +28,7 @@ use zwidth::{
 /// Addresses, each with its bytes.
 type Flash = Vec<(u32, Vec<u8>)>;
 
-/// A board's release ELF; it is built if needed.
+/// The release ELF of a board. It is built if needed.
 pub struct Firmware {
     pub board: Board,
     pub elf: Elf,
@@ -50,7 +50,7 @@ impl Firmware {
         Self { board, elf, table, scene }
     }
 
-    /// Source lines of each address, from the debug information.
+    /// Finds the source line of an address in the debug information.
     pub fn lines(&self) -> Context<EndianSlice<'_, LittleEndian>> {
         let file = object::File::parse(&*self.elf.bytes).unwrap();
         let sections: BTreeMap<&str, &[u8]> = file
@@ -117,7 +117,7 @@ impl Firmware {
         world
     }
 
-    /// A booted board with every edge of the encoder at its own time.
+    /// A booted board on which every edge of the encoder comes at its exact time, and not only once per sample.
     pub fn boot_with_edge_times(&self) -> World<'_> {
         let rest_m = self.scene.device.rest_position_m;
         let Self { board, elf, table, scene } = self;
@@ -149,8 +149,8 @@ impl<'a> Replay<'a> {
         Self { sampler, controls, control: controls[0], number: 0, zeroed: false }
     }
 
-    /// Runs sample `n`. `next` is the first record at or after this sample. A setting from an output acts from the next
-    /// sample on, and the next record shows this setting. A zero already acts in this sample.
+    /// Runs sample `n`. `next` is the first record at or after this sample. Settings that an output takes over act from
+    /// the next sample on, and the next record shows them. The command `zero` acts already in this sample.
     pub fn sample(
         &mut self,
         n: u64,

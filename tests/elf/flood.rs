@@ -26,15 +26,16 @@ each_board!(
     ignored: "seconds of a flood; CI runs it"
 );
 
-/// Longest time from one feeding of the watchdog to the next, s.
+/// Longest time from one feeding of the watchdog to the next, in s.
 const FED_S: f64 = 0.02;
 /// Largest fraction of the time that `link` may take.
 const LOAD: f64 = 0.3;
-/// Longest time from the sampling event to the write of the force, s: the logger masks, then `render` runs.
+/// Longest time from the sampling event to the write of the force, in s. In this time the logger may mask `render`
+/// before `render` runs.
 const OUTPUT_S: f64 = 80e-6;
-/// Longest time from the last byte of `disarm`, in a full channel, until enable is inactive, s (docs/faults.md).
+/// Longest time from the last byte of `disarm`, in a full channel, until enable is inactive, in s (docs/faults.md).
 const BEHIND_S: f64 = 0.4;
-/// Samples for which the host sends: twice the watchdog's time.
+/// Number of samples for which the host sends. This is twice the watchdog's timeout.
 const SENDS: u64 = 1_000;
 
 /// Texts that the host repeats.
@@ -106,7 +107,7 @@ impl Host<'_> {
     }
 
     /// Ends the present line and sends `disarm` as room becomes free. Returns the time from the last byte of `disarm`
-    /// until enable is inactive, s.
+    /// until enable is inactive, in s.
     fn disarm(self, world: &mut World<'_>) -> f64 {
         let begun = self.bytes[self.at..].split_inclusive(|byte| *byte == b'\n').next();
         let ends = begun.filter(|line| line.ends_with(b"\n")).unwrap_or(b"\n");
@@ -140,7 +141,7 @@ fn pass(world: &mut World<'_>, n: u64, reads: bool) {
     }
 }
 
-/// Compares a flood from this state with a host that sends nothing.
+/// Compares two runs from the same state. In one the host floods the board, in the other it sends nothing.
 fn flood(
     world: &mut World<'_>,
     kept: &Snapshot,
@@ -218,8 +219,8 @@ fn a_flood_changes_nothing_and_the_watchdog_is_fed(board: Board) {
     });
 }
 
-/// Texts of lines that are accepted only with the force off: flash, designs of estimators, the self-test. The last text
-/// has an order in each line.
+/// Texts of lines that are accepted only with the force off: flash, designs of estimators, the self-test. In the last
+/// text, each line gives an order to `render`.
 const OFF: [&str; 5] = [
     "load\n",
     "save\n",
@@ -248,7 +249,7 @@ fn the_watchdog_is_fed_with_the_force_off_as_well(board: Board) {
     });
 }
 
-/// Lines with much work for their length, and text that is no command.
+/// Lines that cause much work for their length, and text that is no command.
 const BEHIND: [(&str, &[u8]); 8] = [
     ("get", b"get\n"),
     ("help", b"help\n"),

@@ -1,5 +1,5 @@
-//! Random sessions compared with the firmware's own library. A further test has stop, supply drop and reset at the
-//! instants of an output period. `cargo board fuzz` runs any number of sessions.
+//! Random sessions compared with the firmware's own library. A further test tries emergency stop, supply drop and reset
+//! at the instants of an output period. `cargo board fuzz` runs any number of sessions.
 
 use board_trials::fuzz;
 use host_sim::scene::NamedScene;

@@ -1,4 +1,4 @@
-//! gdb's port of `cargo board serve`, packet by packet. .ci/clients tests this port with gdb itself.
+//! Tests the port of `cargo board serve` for gdb, packet by packet. .ci/clients tests this port with gdb itself.
 
 use std::{
     io::{Read as _, Write as _},
@@ -124,7 +124,7 @@ fn a_halt_takes_the_force_away() {
 }
 
 /// A hand moves the handle. A run with halts gives the same counts, sample by sample, as a run without halts. The halts
-/// have any length, and begin anywhere in a step of the plant.
+/// have different lengths and begin at different times within a step of the plant.
 #[test]
 fn core_and_plant_stand_still_together() {
     let session = session();

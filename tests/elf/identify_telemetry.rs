@@ -18,7 +18,7 @@ use crate::{
 each_board!(the_device_is_identified_from_the_firmwares_telemetry, ignored: "a recording; CI makes it");
 each_board!(the_device_is_identified_from_the_pulse_train, ignored: "a recording; CI makes it");
 
-/// Largest relative error from the emulator's timing and the rounding of telemetry.
+/// Largest allowed relative error. It comes from the emulator's timing and the rounding of telemetry.
 const ERROR_MAX: f64 = 2e-3;
 
 /// A hit without a reachable wall is a pulse of 0.2 s. The second pulse starts where the first started.
@@ -51,7 +51,8 @@ fn the_device_is_identified_from_the_pulse_train(board: Board) {
     }
 }
 
-/// Latency in samples, and the relative errors of mass, damping and stiffness, found from the record of `moves`.
+/// Identifies the device from the telemetry of `moves`. Returns the latency in samples, and the relative errors of
+/// mass, damping and stiffness.
 fn found_after(board: Board, moves: impl FnOnce(&mut World)) -> [(&'static str, f64); 4] {
     let firmware = Firmware::of(board);
     let mut scene = firmware.scene.clone();

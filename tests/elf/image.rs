@@ -1,4 +1,4 @@
-//! Checks of the image's checksum, at boot and while the board runs.
+//! Tests how the board checks its image's checksum, at boot and while it runs.
 
 use board_trials::campaign::{
     image_flips::{End, Part},
@@ -31,9 +31,9 @@ each_board!(a_pass_ends_in_time_whatever_the_host_does, ignored: "seconds of a f
 const RECORD: u32 = 0x0800_C000;
 /// Vector of an interrupt that never comes.
 const UNUSED_VECTOR: u32 = 0x0800_0000 + 4 * 60;
-/// Longest time of one complete image check, samples.
+/// Longest time of one complete image check, in samples.
 const PASS: u64 = 1_000;
-/// Samples until a board has booted, also after a reset by the watchdog.
+/// Number of samples after which a board has booted. `RESET` is the number if the watchdog must reset it first.
 const BOOT: u64 = 200;
 const RESET: u64 = 1_200;
 

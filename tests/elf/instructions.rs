@@ -9,7 +9,7 @@ use crate::{
 
 each_board!(a_session_is_the_same_without_the_emulators_steps_as_with_them);
 
-/// Everything to compare: registers, RAM, handle, time, output and observations of the board.
+/// Everything that is compared: registers, RAM, the handle, the time, the output and the observations of the board.
 fn all_of(world: &mut World<'_>) -> (Registers, Vec<u8>, u64, [u64; 3], String) {
     let mut ram = vec![0; 0x2_0000];
     let position = world.position_m().to_bits();

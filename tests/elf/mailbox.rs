@@ -71,13 +71,14 @@ impl Mailbox {
     }
 }
 
-/// The row with this name in a table of costs: name, cycles, and other cells.
+/// The row with this name in a table of costs. A row has the name, the cycles, and other cells.
 pub fn cost_row<'a>(file: &str, table: &'a str, name: &str) -> Vec<&'a str> {
     let mut rows = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
     rows.find(|row| row[0] == name).unwrap_or_else(|| panic!("{file} has no row {name}"))
 }
 
-/// Compares the cycles of a table's row (second cell) with a measurement, within 2 %. Returns the cells of the row.
+/// Checks that the cycles in the second cell of a table's row equal a measurement within 2 %. Returns the cells of the
+/// row.
 pub fn assert_cost<'a>(file: &str, table: &'a str, name: &str, cycles: u32) -> Vec<&'a str> {
     let row = cost_row(file, table, name);
     let stated: f64 = row[1].parse().unwrap();

@@ -14,10 +14,10 @@ use crate::{code::Code, firmware::Firmware};
 
 each_board!(no_panic_is_reachable_after_init);
 
-/// Names of functions that end in the panic handler, and of the handler.
+/// Parts of the names of functions that end in the panic handler, and of the handler itself.
 const PANICS: [&str; 5] = ["9panicking", "rust_begin_unwind", "_failed", "_fail", "unwrap"];
 
-/// All functions that can be reached, each with a function that reaches it.
+/// All functions that can be reached. Each is stored with one function that reaches it.
 fn reachable(code: &Code<'_>, entries: &BTreeSet<u32>) -> BTreeMap<u32, u32> {
     let taken = code.address_taken();
     let mut found: BTreeMap<u32, u32> = entries.iter().map(|&entry| (entry, entry)).collect();
@@ -39,7 +39,7 @@ fn is_panic(name: &str) -> bool {
     PANICS.iter().any(|part| name.contains(part))
 }
 
-/// The unmodified images.
+/// Checks the unmodified images.
 fn no_panic_is_reachable_after_init(board: Board) {
     no_panic(board, &[]);
 }

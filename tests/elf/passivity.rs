@@ -19,7 +19,7 @@ each_board!(
     ignored: "a hit at every period; that at period 10 runs by default"
 );
 
-/// The board's own scene with the controller: its image, its device, and the reserve, J.
+/// The board's own scene with the passivity controller. Returns the image, the device, and the reserve in J.
 fn with_controller(board: Board, acceleration_m_per_s2: f64) -> (Firmware, Device<'static>, f64) {
     let firmware = Firmware::of(board);
     let mut scene = NamedScene::load(board.name).unwrap();
@@ -33,7 +33,7 @@ fn with_controller(board: Board, acceleration_m_per_s2: f64) -> (Firmware, Devic
     (Firmware { elf, ..firmware }, device, scene.scene.reserve_j().unwrap())
 }
 
-/// Largest energy that a contact with a hard wall supplies, J.
+/// Largest energy that a contact with a hard wall supplies, in J.
 fn given_j(firmware: &Firmware) -> f64 {
     let mut world = firmware.boot();
     for line in

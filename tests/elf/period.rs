@@ -1,5 +1,6 @@
-//! The output period, set on the console of one image. At each period, every frame of a hit equals the frame that
-//! the core computes on the host. The tests also check the time of the tasks, and which estimators have enough time.
+//! Tests the output period, which is set on the console of one image. At each period, every frame of a hit equals the
+//! frame that the core computes on the host. The tests also check the time of the tasks, and which estimators have
+//! enough time.
 
 use virtual_board::{
     board::{BOARDS, Board, Force},
@@ -34,8 +35,8 @@ each_board!(
     ignored: "an image of its own; CI runs it"
 );
 
-/// Largest fraction of the time between two outputs that `sample` and `render` may take together. The worst case is the
-/// slower board at period 1, in an output of a return move that measures the speed.
+/// Largest fraction of the time between two outputs that `sample` and `render` may take together. The worst case is on
+/// the slower board at period 1. There it is an output of a return move that measures the speed.
 const LOAD: f64 = 0.25;
 
 #[test]
@@ -86,7 +87,7 @@ fn every_period_has_the_time_and_its_hit_is_the_cores(board: Board) {
     }
 }
 
-/// An order, and a condition on a frame by which an output has carried out the order.
+/// An order, and the condition on a frame that shows that an output has carried out the order.
 struct Step {
     order: Order,
     told: fn(&Record, &Record) -> bool,
@@ -96,8 +97,8 @@ fn flagged(before: &Record, after: &Record, flag: Flags) -> bool {
     after.flags.contains(flag) && !before.flags.contains(flag)
 }
 
-/// A hit of this device at this period, with the design of this number and name. Returns what was observed during the
-/// hit, and the share of received frames.
+/// A hit of this device at this period, with the design of this number and name. Returns what the virtual board
+/// observed during the hit, and the share of frames that were received.
 pub fn hit_at(
     firmware: &Firmware,
     device: &Device,
@@ -197,7 +198,7 @@ pub fn hit_at(
     (watch, sent)
 }
 
-/// The first frame that differs from the core: its sample, the core's record, and the frame.
+/// Finds the first frame that differs from the core. Returns its sample, the core's record and the frame.
 fn first_difference(
     device: &Device,
     readings: &[u32],
@@ -232,7 +233,7 @@ pub fn records(world: &mut World<'_>) -> (Vec<Record>, u64) {
     (found, decoder.dropped)
 }
 
-/// Cycles of an estimator's longest update, from the table that `estimator_cost` checks.
+/// Cycles of an estimator's longest update. They are from the table that the test `estimator_cost` checks.
 fn cycles_of(name: EstimatorName) -> u64 {
     cost_row("estimator_cost.csv", TABLE, name.text())[1].parse().unwrap()
 }

@@ -23,9 +23,9 @@ each_board!(
     every_frame_comes_through_and_a_reset_is_no_end
 );
 
-/// Duration of an access, samples: half a millisecond, as with an ST-LINK.
+/// Duration of one access by the probe, in samples. It is half a millisecond, as with an ST-LINK.
 const ACCESS: u64 = 5;
-/// Duration of probe-rs' halt, samples.
+/// Duration of probe-rs' halt, in samples.
 const HALT: u64 = 200;
 const FLASH: u32 = 0x0800_0000;
 

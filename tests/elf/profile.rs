@@ -1,4 +1,4 @@
-//! Cycles of `sample` by instruction, for a developer who makes `sample` faster.
+//! Prints the cycles that each instruction of `sample` takes. This helps a developer who makes `sample` faster.
 
 use std::collections::BTreeMap;
 
@@ -10,8 +10,8 @@ each_board!(the_cycles_of_sample_by_instruction, ignored: "prints a table, decid
 
 const SAMPLES: u64 = 2000;
 
-/// Free motion, force on. The sum of the printed cycles is less than the task's cycles, because the cycles of the
-/// return belong to the task that continues.
+/// The handle moves freely with the force on. The sum of the printed cycles is less than the task's cycles, because the
+/// cycles of the return belong to the task that continues.
 fn the_cycles_of_sample_by_instruction(board: Board) {
     let firmware = Firmware::of(board);
     let lines = firmware.lines();

@@ -1,5 +1,5 @@
-//! Quiet hits by the release ELF, push by push. The tests compare these hits with the simulator's hits from the same
-//! starts.
+//! Runs hits with the criterion `quiet` on the release ELF. Each hit has several pushes. The tests compare these hits
+//! with the simulator's hits from the same starts.
 
 use host_sim::{
     scene::{Criterion, NamedScene, RmsOf, Scene},
@@ -14,13 +14,13 @@ use zwidth::experiment::{Verdict, quiet::PUSHES};
 
 use crate::firmware::Firmware;
 
-/// Fraction of a limit within which the verdicts may differ. Even in a window of 2 s, an RMS near one count varies by a
-/// fifth from window to window.
+/// If an RMS is within this fraction of its limit, board and simulator may give different verdicts. Even in windows of
+/// 2 s, an RMS near one count differs by a fifth between two windows.
 const NEAR: f64 = 0.2;
 /// Fractions of a count at which the simulator's hits start.
 const STARTS: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
 
-/// The board with its own scene. The hits have this length, and the return move is short.
+/// A session of the board with its own scene. Its hits have these times, and its return moves are short.
 fn session(board: Board, [settle_s, window_s]: [f64; 2]) -> Session {
     let Firmware { board, elf, table, .. } = Firmware::of(board);
     let mut scene = NamedScene::load(board.name).unwrap();
@@ -32,7 +32,7 @@ fn session(board: Board, [settle_s, window_s]: [f64; 2]) -> Session {
     Session { board, scene, elf, table }
 }
 
-/// Margin of a push to the nearest limit, as a fraction of this limit; negative if a limit was exceeded.
+/// Distance of a push from the nearest limit, as a fraction of this limit. It is negative if a limit was exceeded.
 fn margin(scene: &Scene, stiffness_n_per_m: f64, report: &HitReport) -> f64 {
     let count_n = stiffness_n_per_m * scene.encoder.resolution_m;
     let off = (count_n / report.wall_force_n.abs()).max(0.1);
@@ -45,7 +45,8 @@ fn margin(scene: &Scene, stiffness_n_per_m: f64, report: &HitReport) -> f64 {
     of_limits.into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// Hits on random walls. Returns the numbers of stable hits, of unstable hits, and of hits that were left out.
+/// Runs hits on random walls on the board and in the simulator. Returns the numbers of stable hits, of unstable hits,
+/// and of hits that were left out.
 fn hits(board: Board, seconds: [f64; 2], walls: u64, seed: u64) -> [usize; 3] {
     let session = session(board, seconds);
     let scene = &session.scene.scene;

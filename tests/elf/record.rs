@@ -137,7 +137,8 @@ fn every_byte_and_every_cut_of_a_record_is_refused(board: Board) {
     wrong_bytes_and_cuts(board, 1);
 }
 
-/// For each group of `stride` bytes: flips a bit of one byte, and cuts the record off at the group's first byte.
+/// Divides the record into groups of `stride` bytes. For each group, flips a bit of one byte, and also cuts the record
+/// off at the group's first byte.
 fn wrong_bytes_and_cuts(board: Board, stride: usize) {
     let firmware = &Firmware::of(board);
     let whole = &bytes_of(firmware);
@@ -205,7 +206,7 @@ fn an_image_is_built_for_the_record_that_is_named() {
     assert!(line.contains("ZWIDTH_DEVICE: ") && line.contains(wanted), "{other}");
 }
 
-/// Settings belong to the contents of a record, not to its name.
+/// Stored settings are valid only with the record that they were stored with. Its contents count, not its name.
 fn settings_of_another_record_are_not_taken(board: Board) {
     let firmware = &Firmware::of(board);
     let own = built_in(board).defaults();
@@ -233,7 +234,7 @@ fn settings_of_another_record_are_not_taken(board: Board) {
     }
 }
 
-/// Five devices with different mass, counts, force, start and wall.
+/// Five devices that differ in mass, length of a count, force, start and wall.
 fn devices() -> [NamedScene; 5] {
     let of = |name: &str, mass_kg: f64, count_m: f64, gain_n_per_v: f64, wall_m: f64| {
         let mut named = NamedScene::load(NUCLEO_F446RE.name).unwrap();
@@ -260,13 +261,13 @@ fn devices() -> [NamedScene; 5] {
     ]
 }
 
-/// K and B of a wall with the same stiffness for each device, relative to the device's force and count.
+/// K and B of a wall. Relative to the device's full force and count, they are the same for each device.
 fn as_stiff(scene: &Scene) -> [f64; 2] {
     let unit = scene.full_scale_n() / scene.encoder.resolution_m;
     [(2e-3 * unit).round(), (8e-6 * unit).round()]
 }
 
-/// Hits of the simulator and of the board differ only in their start time. So RMS and mean must agree.
+/// Compares hits of the simulator and of the board. They differ only in their start time, so RMS and mean must agree.
 fn hits_are_the_simulators(board: Board, devices: &[(NamedScene, [f64; 3])]) {
     let Firmware { board, elf, .. } = Firmware::of(board);
     let facts = board_facts(board.name).unwrap();
@@ -308,7 +309,7 @@ fn hits_are_the_simulators(board: Board, devices: &[(NamedScene, [f64; 3])]) {
     });
 }
 
-/// Each device with its wall.
+/// Each device, with the position, K and B of its wall.
 fn walls(devices: &[NamedScene]) -> Vec<(NamedScene, [f64; 3])> {
     let of = |named: &NamedScene| {
         let [k, b] = as_stiff(&named.scene);

@@ -1,4 +1,4 @@
-//! Every sample of a board at output period 1, computed again by the core on the host.
+//! The board has output period 1. The core on the host computes every sample again.
 
 use host_sim::{
     analysis::{recompute::Recomputed, replay::Replayed, telemetry::Capture},

@@ -1,6 +1,7 @@
-//! A rotary scene, and the linear scene of the same device at its handle, on the same image. The settings in force are
-//! equal bit for bit. So the hit is the same, and the texts differ only in their units. Longer texts take more cycles,
-//! and an interrupt waits for the running instruction. So a count that is about to change may be read a sample later.
+//! Runs a rotary scene, and the linear scene of the same device at its handle, on the same image. The settings in force
+//! are equal bit for bit. So the hit is the same, and the texts differ only in their units. Longer texts take more
+//! cycles, and an interrupt waits for the running instruction. So a count that is about to change may be read a sample
+//! later.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -14,8 +15,8 @@ each_board!(a_rotary_device_hits_as_the_same_one_at_its_handle);
 
 const RADIUS_M: f64 = 0.07;
 
-/// Units at the handle and about the axis. A value about the axis is the value at the handle times this power of the
-/// radius.
+/// The unit of a value at the handle, its unit about the axis, and a power. The value about the axis is the value at
+/// the handle times the radius to this power.
 const UNITS: [(&str, &str, i32); 5] = [
     (" N s/m", " N m s/rad", 2),
     (" N/m", " N m/rad", 2),
@@ -24,13 +25,13 @@ const UNITS: [(&str, &str, i32); 5] = [
     (" J", " J", 0),
 ];
 
-/// A scene, and the lines that are typed.
+/// The file of a scene, and the lines that are typed.
 type Typed = (&'static str, [&'static str; 6]);
 const LINEAR: Typed =
     ("by-hand.toml", ["wall 0.035", "k 1000", "b 10", "push 0.7", "rms 2.8e-5", "start 0"]);
 const ROTARY: Typed =
     ("rotary.toml", ["wall 0.5", "k 4.9", "b 0.049", "push 0.049", "rms 4e-4", "start 0"]);
-/// Samples between two lines. The time of the replies does not matter.
+/// Number of samples from one typed line to the next. It is fixed, so the length of the replies does not matter.
 const SLOT: u64 = 500;
 
 /// Runs one hit. Returns the replies, the telemetry from `arm` on, and the settings in the telemetry.
@@ -70,7 +71,8 @@ fn hit(board: Board, (file, typed): Typed) -> (Vec<String>, Vec<Frame>, Vec<InFo
     (said, frames, in_force)
 }
 
-/// Compares a reply at the handle with the reply about the axis, each number with the relative tolerance `part`.
+/// Compares the reply of the linear scene with the reply of the rotary scene. The relative tolerance of each number is
+/// `part`.
 #[track_caller]
 fn is_told(at_handle: &str, rotary: &str, part: f64) {
     let (linear_parts, parts) = (at_handle.split(", "), rotary.split(", "));

@@ -10,7 +10,7 @@ use crate::firmware::{Firmware, arm, ok};
 each_board!(a_whole_board_passes_and_has_lost_its_zero, a_self_test_is_refused_while_force_acts);
 each_board!(each_part_fails_by_itself, ignored: "a self-test for each defect");
 
-/// A board that is ready for a self-test: option bytes set, and two wires in place of the encoder.
+/// A board that is ready for a self-test. Its option bytes are set, and two wires replace the encoder.
 fn prepared<'a>(firmware: &'a Firmware, elf: &Elf) -> World<'a> {
     let Firmware { board, table, scene, .. } = firmware;
     let mut world = World::new(*board, elf, table, scene, scene.device.rest_position_m).unwrap();
@@ -127,7 +127,8 @@ fn a_self_test_is_refused_while_force_acts(board: Board) {
     assert_eq!(world.powered.amplifier.changes().disabled_at, off);
 }
 
-/// Defects of single parts. The causes are the emergency stop, the pin's mode, the DAC, and the interrupt's priority.
+/// Each defect makes single parts of the self-test fail. The defects are in the emergency stop, the pin's mode, the
+/// DAC, and the interrupt's priority.
 #[test]
 #[ignore = "a self-test for each defect"]
 fn enable_output_and_delay_fail_by_themselves() {

@@ -1,4 +1,4 @@
-//! After its state is restored, a board continues bit for bit as an uninterrupted board.
+//! A board whose state was restored continues exactly like a board that was not interrupted.
 
 use std::time::Instant;
 
@@ -55,7 +55,7 @@ pub const ACTS: [Act; 9] = [
     }),
 ];
 
-/// Everything to compare: memory, registers, devices, handle and all output.
+/// Everything that is compared: memory, registers, devices, the handle and all output.
 fn all_of(world: &mut World<'_>) -> (Vec<u8>, u64, u64, String) {
     let Snapshot { mcu, .. } = world.snapshot();
     let said = format!("{:?}{}{:?}", world.lines, world.replies, world.telemetry);

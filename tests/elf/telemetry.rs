@@ -1,4 +1,4 @@
-//! Telemetry of the release ELF: the core on the host computes every sample of a session again.
+//! Tests the telemetry of the release ELF. The core on the host computes every sample of a session again.
 
 use host_sim::analysis::{recompute::Recomputed, telemetry::Capture};
 use virtual_board::{board::Board, world::World};
@@ -7,10 +7,10 @@ use crate::firmware::{Firmware, ok};
 
 each_board!(every_sample_of_a_session_is_the_cores);
 
-/// Largest rate of telemetry at 10 kHz with an output each millisecond, bytes/s.
+/// Largest rate of telemetry in bytes/s, with samples at 10 kHz and an output each millisecond.
 const BYTES_PER_S: f64 = 60e3;
 
-/// A hand moves the handle to and fro: in and out of the wall at 5 mm, and below zero.
+/// A hand moves the handle to and fro. The handle enters and leaves the wall at 5 mm, and moves below zero.
 fn swing(world: &mut World<'_>) {
     for (speed, samples) in [(0.06, 1_000), (-0.08, 1_200), (0.02, 300), (0.3, 150), (-0.2, 300)] {
         world.lead(speed);
@@ -21,7 +21,7 @@ fn swing(world: &mut World<'_>) {
     world.run(30).unwrap();
 }
 
-/// The telemetry, and the values that the core computes from the telemetry. The values must be equal.
+/// Returns the telemetry, and the values that the core computes from it. Checks that these equal the board's values.
 fn computed(world: &mut World<'_>) -> (Capture, Recomputed) {
     let capture = Capture::decode(&std::mem::take(&mut world.telemetry));
     assert_eq!((capture.dropped, capture.garbage_bytes), (0, 0));

@@ -1,8 +1,8 @@
 //! The firmware's own sampling and output tasks on the host, with the counts that the board read.
 //!
 //! Each typed command becomes an order at an output. Telemetry shows the order by the number of the settings or by a
-//! flag. So every frame must equal the host's record bit for bit, from the first frame on: velocity, sign test, ramp,
-//! return move, hit, fade, flags.
+//! flag. So every frame must equal the host's record bit for bit, from the first frame on. This includes velocity, sign
+//! test, ramp, return move, hit, fade and flags.
 
 use zwidth::{
     CounterWidth, LoopParameters,
@@ -49,7 +49,7 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// A board that starts with these settings, with its counter at `first`.
+    /// A board that starts with these settings. Its counter is then at `first`.
     pub fn new(device: &Device<'_>, stored: Stored, first: u32) -> Self {
         let loaded = Loaded { stored, source: Source::Empty, damaged: 0 };
         let start = device.start(&loaded, None).unwrap();

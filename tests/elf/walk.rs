@@ -1,5 +1,5 @@
-//! Experiments by the release ELF, compared with the simulator's. The board's scene has the measured latency of the
-//! board and the quantisation of its output.
+//! Compares the experiments of the release ELF with those of the simulator. The board's scene has the measured latency
+//! of the board and the quantisation of its output.
 
 use std::sync::atomic::AtomicBool;
 
@@ -28,13 +28,14 @@ each_board!(
 
 const CUTOFF_HZ: f64 = 1500.0;
 
-/// Largest relative difference of the areas. The boundary is chaotic at its edge: if the start moves by a fraction of a
-/// count, the area changes by some 2 %. So the board's area is compared with the mean of the simulator's areas.
+/// Largest allowed relative difference between the areas of board and simulator. The boundary is chaotic at its edge:
+/// if the start moves by a fraction of a count, the area changes by some 2 %. So the board's area is compared with the
+/// mean of the simulator's areas.
 const AREA_TOLERANCE: f64 = 0.05;
 /// Number of the simulator's walks. The starts of these walks are spread over one count.
 const REPEATS: u32 = 16;
 
-/// The session of a board with its own scene, after `edit`.
+/// A session of the board with its own scene, which `edit` has changed.
 fn session(board: Board, edit: impl Fn(&mut Scene)) -> Session {
     let Firmware { board, elf, table, .. } = Firmware::of(board);
     let mut scene = NamedScene::load(board.name).unwrap();
@@ -146,7 +147,7 @@ fn armed(session: &Session) -> World<'_> {
     world
 }
 
-/// Lines up to the first line that contains `what`, within `samples` samples.
+/// Runs until a line contains `what`, for `samples` samples at most. Returns the lines up to this one.
 fn lines_until(world: &mut World<'_>, what: &str, samples: u64) -> Vec<String> {
     for _ in 0..samples / 500 {
         world.run(500).unwrap();
@@ -162,7 +163,7 @@ fn lines_after(world: &mut World<'_>, samples: u64) -> Vec<String> {
     std::mem::take(&mut world.replies).lines().map(str::to_owned).collect()
 }
 
-/// Largest force in the next `samples` samples, as a fraction of full scale.
+/// Runs `samples` samples and returns the largest force, as a fraction of full scale.
 fn largest_force(world: &mut World<'_>, samples: u64) -> f64 {
     let units = match world.powered.board.wiring.force {
         virtual_board::board::Force::Dac { .. } => 2047.0,
@@ -240,7 +241,7 @@ fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
     let what = "does not bring the handle to the wall";
     let lines = lines_until(&mut world, what, 40_000);
     assert!(lines.iter().any(|l| l.contains(what)), "{lines:?}");
-    // A first wall that cannot be stable.
+    // The first wall of this walk cannot be stable.
     for line in ["push 2.835", "settle 1", "kstart 9000000", "walk"] {
         ok(&mut world, line);
     }

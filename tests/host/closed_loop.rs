@@ -1,5 +1,5 @@
-//! The whole loop compared with analytical results: the limit of oscillation, the effect of a latency with a fraction
-//! of a sample, results that scaling must not change, and the size of fixed-point effects.
+//! Compares the whole loop with analytical results. The tests cover the limit of oscillation, a latency that is no
+//! whole number of samples, results that scaling must not change, and the size of fixed-point effects.
 
 use std::ops::ControlFlow;
 
@@ -35,8 +35,8 @@ fn rms_m<C: Controller + Copy>(simulation: &mut Simulation<C>, samples: u32) -> 
     (positions_m.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt()
 }
 
-/// The linear case in the real loop: the handle is deep in a bilateral spring wall. Each sample has an output without
-/// latency. Counts are 10 nm long, and the actuator never saturates.
+/// A scene in which the real loop is linear. The handle is deep in a bilateral spring wall. Each sample has an output
+/// without latency. Counts are 10 nm long, and the actuator never saturates.
 fn linear_scene(rate_hz: f64, stiffness_n_per_m: f64) -> Scene {
     const DEPTH_M: f64 = 1e-3;
     const DEFLECTION_M: f64 = 1e-4;
@@ -57,7 +57,7 @@ fn linear_scene(rate_hz: f64, stiffness_n_per_m: f64) -> Scene {
     scene
 }
 
-/// Amplitude in the last second divided by the amplitude in the first second, in a run of six seconds.
+/// Runs the loop for six seconds. Returns the amplitude in the last second divided by the amplitude in the first.
 fn growth(numeric: Numeric, rate_hz: f64, stiffness_n_per_m: f64) -> f64 {
     fn ratio<C: Controller + Copy>(mut simulation: Simulation<C>, second: u32) -> f64 {
         let early = rms_m(&mut simulation, second);
@@ -99,7 +99,7 @@ fn oscillations_grow_above_and_decay_below_the_analytic_stiffness() {
     }
 }
 
-/// The plant over `dt` by a Taylor series of twenty terms, independent of the simulator.
+/// Advances the plant by `dt`, with a Taylor series of twenty terms. This function uses no code of the simulator.
 fn taylor(scene: &Scene, [x, v]: [f64; 2], force_n: f64, dt: f64) -> [f64; 2] {
     let device = &scene.device;
     let accelerate = |x: f64, v: f64, force_n: f64| {
@@ -118,7 +118,7 @@ fn taylor(scene: &Scene, [x, v]: [f64; 2], force_n: f64, dt: f64) -> [f64; 2] {
 
 #[test]
 fn a_fractional_latency_is_exact() {
-    /// Largest difference by rounding, m, between two ways to compute the same 60,000 steps. The loop is stable, so
+    /// Largest difference by rounding, in m, between two ways to compute the same 60,000 steps. The loop is stable, so
     /// errors decay.
     const POSITION_ERROR_MAX_M: f64 = 1e-12;
     for latency in [0.3, 10.3, 7.75] {
@@ -228,8 +228,8 @@ fn quantised_outputs_come_near_the_ideal_one_as_their_resolution_grows() {
 
 #[test]
 fn core_and_twin_agree_on_every_force_while_they_see_the_same_counts() {
-    // The velocity is rounded to 2^-16 counts per sample. This error is multiplied by B, in fractions of full scale.
-    // The filter's own shaped error is a few times as large.
+    // The velocity is rounded to 2^-16 counts per sample. Multiplied by B, it becomes an error of the force. The
+    // filter's own shaped error is a few times as large.
     let tolerance = |damping: f64| damping * 1e-6 * 1e4 / 5.906 * 4.0 / 65_536.0 + 1e-8;
     for output in [None, Some(host_sim::scene::Quantisation::Dac { bits: 16 })] {
         for damping in [0.0, 20.0, 200.0] {

@@ -1,4 +1,4 @@
-//! Protocols and criteria of stability: properties that they must have.
+//! Tests properties that the protocols and the criteria of stability must have.
 
 use std::sync::atomic::AtomicBool;
 

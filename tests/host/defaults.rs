@@ -10,7 +10,8 @@ use host_sim::{
     study::{How, limits::Limit, sweep::filters},
 };
 
-/// Areas by limit: the paper's device with the 1 um encoder and this latency. The grid begins one step above 0.
+/// Computes the areas for these limits, for the paper's device with the 1 um encoder and this latency. The grid begins
+/// one step above 0.
 fn peers(latency: f64, limits_m: &[f64], steps: [f64; 2], repeats: u32) -> PeerStudy {
     let mut scene: Scene = NamedScene::load("paper-1um").unwrap().scene;
     scene.actuator.latency = latency;
@@ -36,7 +37,7 @@ fn peers(latency: f64, limits_m: &[f64], steps: [f64; 2], repeats: u32) -> PeerS
     .unwrap()
 }
 
-/// Mean area, 10^6 N^2 s/m^2.
+/// Mean area of the system with this name, in 10^6 N^2 s/m^2.
 fn area(study: &PeerStudy, name: &str) -> f64 {
     let row = study.rows.iter().find(|row| row.name == name).unwrap();
     row.boundaries[0].area() / 1e6

@@ -54,7 +54,7 @@ fn one(scene: Scene) -> Vec<Condition> {
     vec![Condition { name: "own".into(), scene }]
 }
 
-/// Largest area of the filters whose gain peak is below `peak_db`, 10^6 N^2 s/m^2.
+/// Largest area, in 10^6 N^2 s/m^2, of all filters whose gain peak is below `peak_db`.
 fn below(study: &DesignStudy, peak_db: f64) -> f64 {
     let below = study.filters.iter().filter(|filter| filter.gain_peak_db <= peak_db);
     below.map(|filter| filter.area() / 1e6).fold(0.0, f64::max)
@@ -112,8 +112,8 @@ fn two_sections_hold_more_than_one() {
     }
 }
 
-/// A limit of 1 um for the true motion, in steps of 1000 N/m and 5 N s/m. Smaller steps of K find smaller areas
-/// (docs/lab/design.md).
+/// The true motion has a limit of 1 um. The walks have steps of 1000 N/m and 5 N s/m. Smaller steps of K find smaller
+/// areas (docs/lab/design.md).
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn quiet_walls_have_their_filter_too() {
@@ -143,7 +143,7 @@ fn ten_seeds_find_the_same_area() {
     assert!(high / low < 1.02, "{areas:?}");
 }
 
-/// Six cases: motor or hand pushes a free handle, a handle with the light arm, or a handle with the heavy arm. The
+/// There are six cases: the motor or the hand pushes the handle, which is free or has the light or the heavy arm. The
 /// reference is kalman-3 in the tuning of docs/lab/comparison.md.
 #[test]
 #[ignore = "minutes: .ci/long design"]

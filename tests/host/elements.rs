@@ -1,4 +1,4 @@
-//! Optional elements of scenes: refused values, elements without an effect, and properties of all elements.
+//! Tests the optional elements of scenes: refused values, elements without an effect, and properties of all elements.
 
 use std::f64::consts::PI;
 
@@ -52,7 +52,7 @@ fn hit(stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallHit {
     WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
 }
 
-/// All bits of every sample of a hit.
+/// Runs a hit and returns all bits of every sample.
 fn run(scene: &Scene, numeric: Numeric, hit: &WallHit) -> Vec<(u64, i32, u64)> {
     let mut samples = vec![];
     PreparedScene::new(scene)

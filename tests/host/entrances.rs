@@ -12,7 +12,7 @@ use zwidth::{
 
 const BAD: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
 
-/// All optional elements, so that the text has every number of a scene.
+/// All optional elements of a scene. With them the text has every number that a scene can have.
 const ELEMENTS: &str = r#"
 [output]
 kind = "dac"
@@ -97,7 +97,7 @@ tolerance_m = 5e-5
 timeout_s = 10.0
 "#;
 
-/// The path of every number in `value`, as keys and indices.
+/// Collects the path of every number in `value`. A path has keys and indices.
 fn numbers(value: &toml::Value, path: &mut Vec<String>, found: &mut Vec<Vec<String>>) {
     match value {
         toml::Value::Table(table) => {
@@ -150,7 +150,7 @@ fn every_number_of_a_scene_is_refused_by_name() {
     }
 }
 
-/// The path of every key in `value` that is not a table.
+/// Collects the path of every key in `value` whose value is no table.
 fn keys(value: &toml::Value, path: &mut Vec<String>, found: &mut Vec<Vec<String>>) {
     match value {
         toml::Value::Table(table) => table.iter().for_each(|(key, value)| {

@@ -1,5 +1,5 @@
-//! Functions for the tests of the estimators: the design, and motions that encoder and ideal sensors measure, as input
-//! of core and twin.
+//! Functions for the tests of the estimators. They give the design, and motions as encoder and ideal sensors measure
+//! them. Core and twin get the same motions.
 
 use std::f64::consts::PI;
 
@@ -21,7 +21,7 @@ pub const DESIGN: Design = Design {
     period: 10,
     output: Output::Continuous,
 };
-/// LSB of the velocity in a count per sample.
+/// One count per sample is this number of LSB of the velocity.
 pub const LSB: f64 = 65_536.0;
 
 /// A running estimator. Its counts may wrap.
@@ -36,7 +36,7 @@ impl Run {
         Self { estimator, state: State::at_rest(Position::from_counts(count)) }
     }
 
-    /// Velocity after this count, counts per sample.
+    /// Velocity after this count, in counts per sample.
     pub fn at(&mut self, count: i64) -> f64 {
         let position = Position::from_counts(count as i32);
         let velocity = self.estimator.update(&mut self.state, position, &Senses::default());
@@ -44,7 +44,7 @@ impl Run {
     }
 }
 
-/// Response of a linear estimator to one count in the position, counts per sample.
+/// Response of a linear estimator to one count in the position, in counts per sample.
 pub fn response_to_a_position(settings: &VelocitySettings) -> Vec<f64> {
     response_of(&transfer_function(settings, &DESIGN).unwrap().unwrap())
 }
@@ -59,7 +59,8 @@ pub fn response_of(TransferFunction { num, den }: &TransferFunction) -> Vec<f64>
     response
 }
 
-/// Speeds in counts per sample: whole numbers, fractions near simple fractions and far from them, in both directions.
+/// Speeds for the tests, in counts per sample and in both directions. They are whole numbers, and fractions near simple
+/// ones and far from them.
 pub fn speeds() -> Vec<f64> {
     let mut speeds = vec![0.0, 1.0, -1.0, 7.0, 300.0, -32_766.0, 32_767.0];
     speeds.extend((1..60).map(|n| f64::from(n) * 0.037_12 * if n % 2 == 0 { 1.0 } else { -1.0 }));
@@ -67,7 +68,7 @@ pub fn speeds() -> Vec<f64> {
     speeds
 }
 
-/// Delay behind the true velocity in a chirp, samples: the shift with the best fit.
+/// Delay of the estimate in a chirp, in samples. It is the shift of the true velocity that fits the estimate best.
 pub fn delay_over_a_chirp(
     settings: &VelocitySettings,
     amplitude: f64,
@@ -109,8 +110,8 @@ impl Random {
     }
 }
 
-/// Largest difference of core and twin in 20 random motions, and the fastest speed, LSB. `push` is the largest change
-/// of speed per sample, counts per sample^2.
+/// Largest difference between core and twin in 20 random motions, and the largest speed, both in LSB. `push` is the
+/// largest change of speed in one sample, in counts per sample^2.
 pub fn twin_over_random_motion(settings: &VelocitySettings, push: f64) -> (f64, f64) {
     let (mut worst, mut fastest) = (0f64, 0f64);
     for seed in 1..=20 {
@@ -134,10 +135,11 @@ pub fn twin_over_random_motion(settings: &VelocitySettings, push: f64) -> (f64, 
     (worst, fastest)
 }
 
-/// Steps of the count, how often each step comes, and whether its sign changes with every sample.
+/// The pieces of a motion. Each has a step of the count, the number of times that the step comes, and whether its sign
+/// changes with every sample.
 pub type Pieces = Vec<(i32, usize, bool)>;
 
-/// Standstill, slow and fast motion, jumps to the ends.
+/// Draws the pieces of a motion. They are standstill, slow and fast motion, and jumps to the ends of the range.
 pub fn pieces() -> impl Strategy<Value = Pieces> {
     let step = prop_oneof![
         Just(0),
@@ -154,7 +156,7 @@ pub fn pieces() -> impl Strategy<Value = Pieces> {
 }
 
 /// Moves by these pieces from `start`, with every speed in range. Then stands still for `wait` samples. Returns the
-/// largest speed in the next 100 samples, counts per sample.
+/// largest speed in the next 100 samples, in counts per sample.
 pub fn rest_after(settings: &VelocitySettings, start: i32, pieces: &Pieces, wait: usize) -> f64 {
     let mut run = Run::new(settings, start);
     let mut count = i64::from(start);
@@ -183,7 +185,7 @@ pub struct Motion<F> {
     edge: Option<Edge>,
 }
 
-/// Values of one sample for core and twin, counts per sample.
+/// Values of one sample for core and twin, in counts per sample.
 pub struct Seen {
     pub core: f64,
     pub twin: f64,
@@ -203,7 +205,7 @@ impl<F: Fn(f64) -> f64> Motion<F> {
         }
     }
 
-    /// Speed at time `t`, from positions a thousandth of a sample before and after it.
+    /// Speed at time `t`. It is computed from the positions a thousandth of a sample before and after `t`.
     pub fn speed(&self, t: f64) -> f64 {
         const H: f64 = 1e-3;
         ((self.at)(t + H) - (self.at)(t - H)) / (2.0 * H)
@@ -236,7 +238,7 @@ impl<F: Fn(f64) -> f64> Motion<F> {
     }
 }
 
-/// After a stop and `wait` samples, every further sample has the velocity 0.
+/// Checks that the velocity is 0 in every sample from `wait` samples after a stop on.
 pub fn reads_zero_after_a_stop(settings: &VelocitySettings, wait: i64) {
     let mut motion = Motion::new(*settings, |t| 3.7 * t.min(500.0) + 0.5);
     for _ in 0..500 + wait {
@@ -247,7 +249,8 @@ pub fn reads_zero_after_a_stop(settings: &VelocitySettings, wait: i64) {
     }
 }
 
-/// Largest difference of core and twin, LSB, for a sum of sines under random forces; and the fastest speed, LSB.
+/// Moves along a sum of sines under random forces. Returns the largest difference between core and twin, and the
+/// largest speed, both in LSB.
 pub fn twin_is_off_by(settings: &VelocitySettings, steps: &[(f64, f64)], speed: f64) -> (f64, f64) {
     let at = |t: f64| {
         let mut x = 0.3;
@@ -274,7 +277,7 @@ pub fn sines() -> impl Strategy<Value = Vec<(f64, f64)>> {
     prop::collection::vec((-2.0..2.0f64, -1.0..1.0f64), 20)
 }
 
-/// Counts that jump by any amount, and inputs without physical meaning.
+/// Inputs without physical meaning, with counts that jump by any amount.
 #[derive(Clone, Debug)]
 pub struct Nonsense {
     jumps: Vec<i32>,
@@ -322,8 +325,8 @@ pub fn after_nonsense(settings: &VelocitySettings, nonsense: &Nonsense, wait: i6
     last
 }
 
-/// A wall hit through the whole program (scene, inputs, core, twin) with these lines in `[velocity]`. On the way to the
-/// wall, the estimate must be the handle's speed. Core and twin must go equally deep.
+/// Runs a wall hit through the whole program, with scene, inputs, core and twin. `[velocity]` of the scene has these
+/// lines. On the way to the wall, the estimate must be the handle's speed. Core and twin must go equally deep.
 pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
     use host_sim::{
         scene::NamedScene,

@@ -36,8 +36,8 @@ fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
     values.iter().map(|&value| name.defaults().with_tuning(value)).collect()
 }
 
-/// Largest documented error at constant speed, counts per sample. `whole`: for whole counts per sample; otherwise for
-/// any speed.
+/// Largest documented error at constant speed, in counts per sample. With `whole`, the error is for speeds of whole
+/// counts per sample. Otherwise it is for any speed.
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole => 0.0,
@@ -51,7 +51,7 @@ fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     }
 }
 
-/// Samples until a change of speed has settled to within half an LSB.
+/// Number of samples after which the effect of a change of speed is below half an LSB.
 fn settling(settings: &VelocitySettings) -> usize {
     match *settings {
         VelocitySettings::Butterworth { cutoff_hz, .. }
@@ -64,8 +64,8 @@ fn settling(settings: &VelocitySettings) -> usize {
     }
 }
 
-/// Rounding error of the output, LSB. A low-pass adds the rounding residue of a sample to the next sample, so the error
-/// may reach a whole LSB.
+/// Rounding error of the output, in LSB. A low-pass adds the rounding residue of a sample to the next sample, so the
+/// error may reach a whole LSB.
 fn rounding_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::Butterworth { .. } | VelocitySettings::FirstOrder { .. } => 1.0,
@@ -102,10 +102,10 @@ fn constant_speed_is_measured_within_the_stated_error() {
     }
 }
 
-/// Weights by independent closed expressions: the derivative of the parabola through three points, and of the cubic
-/// through four. A regression's slope has the weight 6 (j + 1) (w - j) / (w (w + 1) (w + 2)) for difference j. A
-/// quadratic fit follows every parabola. Of all weights that do so, the weights of the fit have the least sum of
-/// squares.
+/// Compares the weights with independent closed expressions. Some are the derivative of the parabola through three
+/// points, and of the cubic through four points. A regression's slope has the weight 6 (j + 1) (w - j) / (w (w + 1) (w
+/// + 2)) for difference j. A quadratic fit follows every parabola. Of all weights that do so, the weights of the fit
+/// have the least sum of squares.
 #[test]
 fn weights_are_those_of_the_polynomials() {
     let close = |ours: &[f64], theirs: &[f64]| {
@@ -144,8 +144,8 @@ fn weights_are_those_of_the_polynomials() {
 
 #[test]
 fn the_stated_delay_is_that_over_a_chirp() {
-    /// Relative error of a sample or of the delay. Quantisation causes this error, and frequencies of the chirp above
-    /// zero.
+    /// Largest allowed error of the delay, in samples or relative to the delay. It comes from quantisation, and from
+    /// frequencies of the chirp above zero.
     const ERROR_MAX: f64 = 0.02;
     for name in names() {
         for settings in tunings(name) {
@@ -177,7 +177,8 @@ fn the_stated_delay_is_that_over_a_chirp() {
     }
 }
 
-/// Largest documented difference from the twin, LSB of 2^-16 counts per sample. `fastest` is the largest speed, LSB.
+/// Largest documented difference from the twin, in LSB of 2^-16 counts per sample. `fastest` is the largest speed, in
+/// LSB.
 fn stated_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
     match *settings {
         VelocitySettings::Difference {} => 0.0,

@@ -1,4 +1,4 @@
-//! Tracking loop, observer and fusion: their documented properties and limits.
+//! Tests the documented properties and limits of tracking loop, observer and fusion.
 
 use std::f64::consts::PI;
 
@@ -45,7 +45,8 @@ fn all() -> Vec<VelocitySettings> {
     all
 }
 
-/// Samples after which the effect of the start is far below an LSB, for a loop with poles at this bandwidth.
+/// After this number of samples, the effect of the start is far below an LSB. This holds for a loop with poles at the
+/// bandwidth of `settings`.
 fn settled(settings: &VelocitySettings) -> i64 {
     let (_, hz) = settings.tuning().unwrap();
     (7.0 * DESIGN.rate_hz / hz) as i64 + 10
@@ -91,7 +92,8 @@ fn a_handle_that_stops_reads_exactly_zero() {
     }
 }
 
-/// The loop's response to a position at `w` rad / sample, 1 / sample, by its equations.
+/// Response of the loop's equations to a position that swings at `w` radians per sample. The result is in 1 / sample,
+/// as real and imaginary part.
 fn response(settings: &VelocitySettings, w: f64) -> [f64; 2] {
     let (gains, order) = match *settings {
         VelocitySettings::TrackingLoop { bandwidth_hz } => {
@@ -235,7 +237,7 @@ fn fusion_rejects_the_bias_and_follows_without_delay() {
     assert!(worst < 0.01 * 300.0 * w, "{worst}");
 }
 
-/// Largest difference of core and twin in random motion, LSB, at speeds up to `fastest` LSB.
+/// Largest allowed difference between core and twin in random motion, in LSB. The speeds go up to `fastest` LSB.
 ///
 /// The core computes the tracking loop as a low-pass with coefficients of 30 fractional bits. The sum ki of these
 /// coefficients has an error of up to 2^-31. This changes the response by a fraction of up to 2 * 2^-31 / ki, and the
@@ -285,7 +287,7 @@ fn what_is_out_of_range_is_refused_by_name() {
         let settings = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg };
         assert_eq!(refused(settings), "mass_kg");
     }
-    // A motor that moves the handle beyond the range of the velocity in one sample.
+    // This motor is so strong that the velocity leaves its range within one sample.
     let strong = Design { full_scale_n: 1e4, resolution_m: 1e-8, rate_hz: 1e3, ..DESIGN };
     for mass_kg in [0.0, 1.0, 101.0] {
         let settings = VelocitySettings::Observer { bandwidth_hz: 10.0, mass_kg };

@@ -1,4 +1,4 @@
-//! Adaptive windowing, Levant's differentiator and the Kalman filters: measures their documented properties.
+//! Measures the documented properties of adaptive windowing, Levant's differentiator and the Kalman filters.
 
 use std::f64::consts::PI;
 
@@ -41,8 +41,8 @@ fn c(acceleration_max_m_per_s2: f64) -> f64 {
     acceleration_max_m_per_s2 / (DESIGN.resolution_m * DESIGN.rate_hz * DESIGN.rate_hz)
 }
 
-/// Largest documented error at constant speed, counts per sample. `whole`: for whole counts per sample; otherwise for
-/// any speed.
+/// Largest documented error at constant speed, in counts per sample. With `whole`, the error is for speeds of whole
+/// counts per sample. Otherwise it is for any speed.
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole && !chatters(settings) => 0.0,
@@ -64,7 +64,7 @@ fn chatters(settings: &VelocitySettings) -> bool {
     matches!(settings, VelocitySettings::LevantExplicit { .. })
 }
 
-/// Samples until a change of speed by `change` counts per sample has settled.
+/// Number of samples after which a change of speed by `change` counts per sample has settled.
 fn settling(settings: &VelocitySettings, change: f64) -> usize {
     match *settings {
         VelocitySettings::FoawEnd { window_samples, .. }
@@ -152,7 +152,7 @@ fn a_larger_lambda_makes_the_stated_error_larger() {
 
 #[test]
 fn the_stated_delay_is_that_over_a_chirp() {
-    /// Relative error of a sample. Quantisation causes this error, and frequencies of the chirp above zero.
+    /// Largest allowed error of the delay. It comes from quantisation, and from frequencies of the chirp above zero.
     const ERROR_MAX: f64 = 0.1;
     let check = |what: &str, measured: f64, stated: f64| {
         println!("{what}: {measured:.3} samples, stated {stated:.3}");
@@ -224,7 +224,8 @@ fn adaptive_windows_shrink_with_the_acceleration() {
     }
 }
 
-/// Response at `w` radians per sample, counts per sample for a count: real and imaginary part.
+/// Response of the velocity to the position at `w` radians per sample, as real and imaginary part. Its unit is counts
+/// per sample for each count.
 fn response(function: &TransferFunction, w: f64) -> [f64; 2] {
     let sum = |coefficients: &[f64]| {
         let angle = |n: usize| -w * n as f64;
@@ -268,7 +269,7 @@ fn the_kalman_filters_respond_as_their_transfer_functions() {
     println!("worst relative error of the response: {worst:.2e}");
 }
 
-/// Largest documented difference from the twin, LSB.
+/// Largest documented difference from the twin, in LSB.
 fn stated_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => 0.5,

@@ -1,4 +1,4 @@
-//! The estimator `time-stamps`: its documented properties, and where the edges of a scene come from.
+//! Tests the documented properties of the estimator `time-stamps`, and the edges that a scene gives it.
 
 use std::f64::consts::PI;
 
@@ -12,7 +12,7 @@ use crate::estimator_bench::{
 };
 
 const MASS_KG: f64 = 0.416;
-/// Samples without an edge after which the velocity is 0, and a few more.
+/// After this number of samples without an edge the velocity is 0. A few samples are added as a reserve.
 const STANDSTILL: i64 = 33_000;
 const SPANS: [u32; 5] = [1, 2, 8, 16, SPAN_MAX];
 
@@ -51,7 +51,7 @@ fn a_handle_that_stops_reads_exactly_zero() {
     }
 }
 
-/// Delay of a sine in samples, by the estimator's definition, if each sample has edges.
+/// Expected delay of a sine, in samples. It follows from the estimator's definition, if each sample has edges.
 ///
 /// The mean m over the span is late by half the span. The mean may exceed the speed v, if the handle slows down or has
 /// just reversed. Then the limit `1 / age` reduces the mean. With ages uniform over 0 .. 1 / v the mean output is
@@ -151,7 +151,8 @@ fn spans_out_of_range_are_refused_by_name() {
     }
 }
 
-/// A scene's edges are from a cubic between samples. The test compares these edges with the motion itself.
+/// A simulated scene takes its edges from a cubic polynomial between two samples. The test compares these edges with
+/// the motion itself.
 #[test]
 fn edges_of_a_simulated_motion_are_where_the_motion_crosses() {
     // The handle reverses within a sample, over an edge and back. The edge is then the return crossing.

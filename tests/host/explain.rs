@@ -1,4 +1,4 @@
-//! `explain` compared with `compare`: the three best changes, in the order that full searches give.
+//! Compares `explain` with `compare`. The three best changes of `explain` must be in the order that full searches give.
 
 use std::sync::atomic::AtomicBool;
 

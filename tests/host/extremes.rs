@@ -1,5 +1,5 @@
-//! The ends of every range: nothing panics, wraps or fails silently. Tests check for overflow, so an addition that
-//! wraps fails the test.
+//! Tests the ends of every range. Nothing may panic, wrap or fail silently. Tests check for overflow, so an addition
+//! that wraps fails the test.
 
 use host_sim::{
     scene::{Accelerometer, NamedScene, Scene},
@@ -203,7 +203,7 @@ fn a_handle_that_leaves_the_range_of_the_core_ends_the_hit_by_name() {
     }
 }
 
-/// Every estimator of the core, and each parameter as a fraction of its range.
+/// Draws an estimator of the core, and each parameter as a fraction of its range.
 fn any_estimator() -> impl Strategy<Value = (EstimatorName, Numbers)> {
     let part = prop_oneof![1 => Just(0.0), 4 => 0.0..=1.0f64];
     (proptest::sample::select(EstimatorName::ALL), proptest::array::uniform8(part))

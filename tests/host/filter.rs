@@ -1,4 +1,4 @@
-//! The fixed-point velocity filter compared with theory: coefficients, cutoff, frequency response, gain at DC.
+//! Compares the fixed-point velocity filter with theory: its coefficients, cutoff, frequency response and gain at DC.
 
 use std::f64::consts::PI;
 
@@ -10,9 +10,9 @@ use zwidth::{
 };
 
 const RATES_HZ: [f64; 3] = [1e3, 1e4, 5e4];
-/// LSB of a coefficient, 2^-30.
+/// The value of one LSB of a coefficient, 2^-30.
 const COEFFICIENT_LSB: f64 = 1.0 / (1u64 << 30) as f64;
-/// LSB of a velocity, 2^-16.
+/// The value of one LSB of a velocity, 2^-16 counts per sample.
 const VELOCITY_LSB: f64 = 1.0 / (1u64 << 16) as f64;
 
 fn low_pass(cutoff_hz: f64, prewarp: bool) -> VelocitySettings {
@@ -52,7 +52,7 @@ fn cutoffs() -> impl Iterator<Item = f64> {
 
 #[test]
 fn coefficients_are_those_of_scipy_within_their_stated_lsb() {
-    // b0 1, b1 2, b2 1, a1 1, a2 1/2: see Design::quantise
+    // Largest errors of b0, b1, b2, a1 and a2, in this order: see Design::quantise.
     const ERROR_MAX_LSB: [f64; 5] = [1.0, 2.0, 1.0, 1.0, 0.5];
     for (prewarp, golden) in [
         (false, include_str!("../golden/butterworth.csv")),
@@ -138,14 +138,14 @@ fn outside_the_accepted_range_the_cutoff_is_refused_by_name() {
     assert_eq!(prewarped.build(&design(1e4)).unwrap_err().parameter, "cutoff_hz");
 }
 
-/// |H| of the paper's equation (2) at `hz`, by the formula and without the core's coefficients.
+/// Gain |H| at `hz` by equation (2) of the paper, without the core's coefficients.
 fn theory(hz: f64, cutoff_hz: f64, rate_hz: f64) -> f64 {
     // The bilinear transform maps the digital frequency to this analog frequency.
     let analog_hz = rate_hz / PI * (PI * hz / rate_hz).tan();
     1.0 / (1.0 + (analog_hz / cutoff_hz).powi(4)).sqrt()
 }
 
-/// Amplitude of the response to a sine, by correlation over whole periods after the transient.
+/// Runs the filter on a sine. Returns the gain, measured by correlation over whole periods after the transient.
 fn measured_gain(biquad: &Biquad, hz: f64, rate_hz: f64, settle: u32, periods: u32) -> f64 {
     const AMPLITUDE: f64 = 2e9; // in velocity LSB, near full scale
     let mut state = BiquadState::default();
@@ -165,7 +165,8 @@ fn measured_gain(biquad: &Biquad, hz: f64, rate_hz: f64, settle: u32, periods: u
 
 #[test]
 fn the_measured_frequency_response_is_the_theoretical_one() {
-    /// Largest error by the leakage of the correlation, and by a period that is no whole number of samples.
+    /// Largest allowed error. It comes from the leakage of the correlation, and from periods that are no whole number
+    /// of samples.
     const ERROR_MAX: f64 = 2e-3;
     let rate_hz = 1e4;
     let mut worst = 0f64;
@@ -214,8 +215,8 @@ fn control(cutoff_hz: f64, rate_hz: f64) -> zwidth::LoopParameters {
 
 #[test]
 fn at_constant_speed_the_sum_of_the_output_follows_the_sum_of_the_input_for_ever() {
-    /// Largest span of the output, counts. The counts have a ripple of one count. The filter hardly increases this
-    /// ripple.
+    /// Largest allowed span of the position error, in counts. The counts have a ripple of one count. The filter hardly
+    /// increases this ripple.
     const SPAN_MAX_COUNTS: f64 = 1.1;
     const SAMPLES: i64 = 1_000_000;
     let rate_hz = 1e4;
@@ -307,7 +308,8 @@ fn retuning_while_moving_makes_no_kick() {
     }
 }
 
-/// RMS error of the filter's output for a white rounding error of one LSB, by its impulse response.
+/// RMS error of the filter's output that a white rounding error of one LSB causes. It is computed from the impulse
+/// response.
 fn shaped_noise_lsb(biquad: &Biquad, order: usize) -> f64 {
     let [_, _, _, a1, a2] = biquad.bits().map(|bits| f64::from(bits) * COEFFICIENT_LSB);
     let numerator: &[f64] = if order == 1 { &[1.0, -1.0] } else { &[1.0, -2.0, 1.0] };

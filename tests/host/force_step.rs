@@ -1,6 +1,6 @@
-//! For any change at any time of a hit, the force of an output steps by at most 5 % of full scale beyond the effect of
-//! position and velocity. The test runs guard, supervisor and a simulated device. The firmware's own rules decide which
-//! commands are accepted.
+//! Settings may change at any time of a hit. From one output to the next, the force then steps by at most 5 % of full
+//! scale, in addition to the effect of position and velocity. The test runs guard, supervisor and a simulated device.
+//! The firmware's own rules decide which commands are accepted.
 //!
 //! A twin gives the effect of position and velocity. The twin is a copy of sampler and supervisor from before the
 //! change. The twin gets the same counts, and uses the old settings for one more output.
@@ -34,7 +34,7 @@ const GOOD: Inputs = Inputs {
     halted: false,
     found: FaultSet::EMPTY,
 };
-/// Position of the wall at the start, m from the zero of the count.
+/// Position of the wall at the start, in m, measured from the zero of the count.
 const WALL_M: f64 = 0.004;
 
 #[derive(Clone, Copy, Debug)]
@@ -154,7 +154,7 @@ impl Loop {
         }
     }
 
-    /// The settings that the firmware would propose now; `None` if the firmware refuses the command.
+    /// The settings that the firmware would use after this command. `None` if the firmware refuses the command now.
     fn ask(&self, ask: Ask) -> Option<Settings> {
         let mut settings = self.settings;
         let command = match ask {
@@ -194,7 +194,7 @@ fn ask() -> impl Strategy<Value = Ask> {
     ]
 }
 
-/// Numbers of events. The numbers show that the test has covered these events.
+/// Numbers of events that have occurred. They show that the test has covered these events.
 #[derive(Debug, Default)]
 struct Seen {
     changes: u32,
@@ -342,7 +342,7 @@ fn a_new_cutoff_keeps_the_state_of_the_filter() {
     assert!(largest < 2.0, "{largest}");
 }
 
-/// Estimators that use only the position, with any tuning that follows a hand.
+/// Draws an estimator that uses only the position, with any tuning that is fast enough for a hand.
 fn tuned() -> impl Strategy<Value = VelocitySettings> {
     let names: Vec<_> =
         EstimatorName::ALL.iter().copied().filter(|name| name.sense().is_none()).collect();
@@ -363,7 +363,7 @@ fn tuned() -> impl Strategy<Value = VelocitySettings> {
 }
 
 /// Overshoot of an estimator after a step of speed, as a multiple of the speed. Returns also the delay after a step of
-/// acceleration, samples: the largest error minus one count, divided by the acceleration.
+/// acceleration, in samples. The delay is the largest error minus one count, divided by the acceleration.
 fn swings(control: &LoopParameters) -> [f64; 2] {
     const SPEED: f64 = 100.0;
     const ACCELERATION: f64 = 0.1;

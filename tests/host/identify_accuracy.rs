@@ -16,13 +16,13 @@ pub const RATE_HZ: f64 = 1e4;
 pub const RESOLUTION_M: f64 = 1e-6;
 pub const GAIN_N_PER_V: f64 = 0.5906;
 pub const SECONDS: f64 = 2.0;
-/// Pulse voltage, V, and duration, s.
+/// Voltage of a pulse in V. `PULSE_S` is its duration in s.
 pub const PULSE_V: f64 = 4.0;
 const PULSE_S: f64 = 0.2;
 
 #[derive(Clone, Copy, Debug)]
 pub enum Pulses {
-    /// +4 V, then -4 V, then 0.
+    /// A pulse of +4 V, then a pulse of -4 V, then 0 V.
     Two,
     /// One pulse of 4 V.
     One,
@@ -76,7 +76,7 @@ pub fn normal(random: &mut Xoshiro256PlusPlus) -> f64 {
     (-2.0 * (1.0 - u).ln()).sqrt() * (TAU * v).cos()
 }
 
-/// The record of the exact plant through the encoder. The seed also moves the start within a count.
+/// Simulates the exact plant and records it as the encoder reads it. The seed also moves the start within a count.
 pub fn made(made: &Made) -> Record {
     let Made { device, pulses, noise_counts, latency, rounding, seed } = *made;
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
@@ -137,8 +137,8 @@ fn devices() -> Vec<Device> {
 
 const NAMES: [&str; 4] = ["m", "b", "k", "x0"];
 
-/// For each parameter, three numbers: the error divided by the half-width of the interval; the error and the half-width
-/// relative to the true value.
+/// Three numbers for each parameter. The first is the error divided by the half-width of the interval. The others are
+/// the error and the half-width, both relative to the true value.
 fn judged(found: &Identification, device: &Device) -> [[f64; 3]; 4] {
     let spring = found.spring.unwrap();
     [

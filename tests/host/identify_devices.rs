@@ -1,8 +1,8 @@
-//! `identify` of random exact devices. A device has mass and damping. A device may have a spring, Coulomb or Stribeck
-//! friction, cogging, a slow amplifier, an offset force or a periodic error of the encoder. A device runs in open loop,
-//! or in a loop of speed or position with the encoder's counts, at 100 Hz to 10 kHz, with rests. This file integrates
-//! the devices itself (Runge and Kutta of order 4, reversals by bisection). So this file has no code of the fitted
-//! model.
+//! Tests `identify` on random devices that are simulated exactly. A device has mass and damping. A device may have a
+//! spring, Coulomb or Stribeck friction, cogging, a slow amplifier, an offset force or a periodic error of the encoder.
+//! A device runs in open loop, or in a loop of speed or position with the encoder's counts, at 100 Hz to 10 kHz, with
+//! rests. This file integrates the devices itself (Runge and Kutta of order 4, reversals by bisection). So this file
+//! has no code of the fitted model.
 
 use std::{f64::consts::TAU, fmt::Write as _};
 
@@ -13,7 +13,7 @@ use host_sim::{
 use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 use rayon::prelude::*;
 
-/// Longest step of the integration, s.
+/// Longest step of the integration, in s.
 const STEP_S: f64 = 2e-4;
 /// Number of bisections of a step to find a reversal.
 const HALVINGS: usize = 50;
@@ -24,13 +24,14 @@ struct Exact {
     pub damping: f64,
     pub stiffness: f64,
     pub friction: f64,
-    /// Ratio of static to Coulomb friction minus 1, and the speed at which friction decreases between the two.
+    /// The first number is static friction divided by Coulomb friction, minus 1. The second is the speed at which
+    /// friction falls from one to the other.
     pub stribeck: Option<[f64; 2]>,
     pub lag_s: f64,
     pub offset: f64,
-    /// Force that is periodic in the position.
+    /// Cogging: a force that is periodic in the position.
     pub cogging: Wave,
-    /// Periodic error of the encoder, m.
+    /// Periodic error of the encoder, in m.
     pub phase: Wave,
     pub gain: f64,
     pub count: f64,
@@ -138,7 +139,7 @@ impl Exact {
         state
     }
 
-    /// State after a row with the voltage `volts`.
+    /// Advances the state by one row of the record, in which the voltage is `volts`.
     pub fn row(&self, mut state: State, volts: f64, step_s: f64) -> State {
         let steps =
             (step_s / STEP_S.min(if self.lag_s > 0.0 { 0.2 * self.lag_s } else { STEP_S })).ceil();
@@ -153,13 +154,14 @@ impl Exact {
 enum Drive {
     /// Levels of voltage, each with its number of rows.
     Levels(Vec<(usize, f64)>),
-    /// Proportional and integral loop of the filtered difference of counts: reference levels, V s/m, V/m.
+    /// A proportional and integral loop that controls the speed, which is the filtered difference of counts. The values
+    /// are the reference levels, the gain in V s/m and the gain in V/m.
     Speed(Vec<(usize, f64)>, f64, f64),
-    /// Proportional loop of position, with the filtered difference as damping.
+    /// A proportional loop that controls the position. The filtered difference of counts gives the damping.
     Place(Vec<(usize, f64)>, f64, f64),
 }
 
-/// Cogging, and the encoder's error. Most devices have neither.
+/// Draws the cogging and the encoder's error of a device. Most devices have neither.
 fn waves(seed: u64, force: f64, travel: f64, count: f64) -> [Wave; 2] {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed ^ 0xC0C5);
     let mut unit = move || random.random::<f64>();
@@ -182,7 +184,7 @@ fn waves(seed: u64, force: f64, travel: f64, count: f64) -> [Wave; 2] {
 struct Case {
     pub device: Exact,
     pub record: Record,
-    /// Readings before quantisation by the encoder.
+    /// The positions before the encoder quantises them.
     pub true_m: Vec<f64>,
     pub about: String,
 }
@@ -373,11 +375,12 @@ struct Verdict {
     /// Whether a warning names a missing term, or a parameter that cannot be determined.
     pub warned: bool,
     pub invented: Vec<Term>,
-    /// Terms of the device that the model lacks, if the model's prediction has a larger error than the encoder.
+    /// Terms that the device has and the model lacks. They are listed only if the model's prediction has a larger error
+    /// than the encoder.
     pub missed: Vec<Term>,
 }
 
-/// Terms of the device that the model can have.
+/// The terms that the model can have, each with its size in this device.
 fn terms(device: &Exact) -> [(Term, f64); 5] {
     [
         (Term::Cogging, device.cogging.size),
@@ -433,7 +436,7 @@ fn judged(case: &Case, found: &Identification) -> Verdict {
 struct Counts {
     pub cases: usize,
     pub answered: usize,
-    /// Number of parameters inside their intervals, and number of all parameters.
+    /// Number of parameters whose true value is inside the interval, and number of all parameters.
     pub parameters: [usize; 2],
     pub silently_wrong: usize,
     pub invented: usize,
@@ -508,8 +511,9 @@ fn campaign(seeds: std::ops::Range<u64>, verbose: bool) -> Counts {
     counts
 }
 
-/// Smallest fraction of parameters inside their intervals. `SILENT` is the largest fraction of devices with a parameter
-/// far outside and no warning. Both limits are met today. The intervals themselves promise 0.95 of the parameters.
+/// At least this fraction of true parameter values must be inside the intervals. `SILENT` is the largest allowed
+/// fraction of devices that have a parameter far outside but no warning. Both limits are met today. The intervals
+/// themselves promise a fraction of 0.95.
 const INSIDE: f64 = 0.8;
 const SILENT: f64 = 0.03;
 

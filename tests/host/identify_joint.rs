@@ -11,8 +11,8 @@ use crate::{
     identify_accuracy::{GAIN_N_PER_V, Made, PAPER, PLAIN, RATE_HZ, made, options},
 };
 
-/// Many records of one device. The errors of mass, damping, spring and latency are correlated as the first record
-/// states.
+/// Identifies one device from many records. The errors of mass, damping, spring and latency are correlated as the first
+/// record states.
 #[test]
 fn the_numbers_of_a_device_err_together_as_stated() {
     const RECORDS: u64 = 120;

@@ -1,6 +1,6 @@
-//! `identify` of devices with dry friction, a slow amplifier, an offset force and a periodic encoder error. The values
-//! must be inside their intervals, and no term may be invented. The records are from the simulator's own plants. The
-//! integrator of these plants has no code of the fitted model.
+//! Tests `identify` on devices with dry friction, a slow amplifier, an offset force and a periodic encoder error. The
+//! values must be inside their intervals, and no term may be invented. The records are from the simulator's own plants.
+//! The integrator of these plants has no code of the fitted model.
 
 use std::f64::consts::TAU;
 
@@ -145,8 +145,8 @@ fn truths(count: usize, has: Has) -> Vec<Truth> {
         .collect()
 }
 
-/// Results for one parameter: how often its interval contains the true value. For a term, there is also the number of
-/// models with this term.
+/// Counts for one parameter. They tell how often its interval contains the true value. For a term, they also tell how
+/// many models have this term.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     held: usize,

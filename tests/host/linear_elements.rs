@@ -1,4 +1,4 @@
-//! Linear elements in the loop: the limit of oscillation of the simulated loop, compared with the linear analysis.
+//! Runs the simulated loop with linear elements, and compares its limit of oscillation with the linear analysis.
 
 use std::ops::ControlFlow;
 
@@ -18,9 +18,9 @@ use zwidth::VelocitySettings;
 const AMPLIFIER: Amplifier = Amplifier { bandwidth_hz: 400.0 };
 const MODE: Mode = Mode { mass_kg: 0.15, stiffness_n_per_m: 6e4, damping_n_s_per_m: 4.0 };
 const WALL_M: f64 = 0.07;
-/// Depth at which the handle rests in the wall, m. The handle never leaves the wall.
+/// The handle rests this far behind the surface of the wall, in m. The handle never leaves the wall.
 const DEPTH_M: f64 = 1e-3;
-/// Distance of the start from the rest position, m.
+/// Distance of the start from the rest position, in m.
 const DEFLECTION_M: f64 = 1e-4;
 const ARM: Arm = Arm {
     mass_kg: 1.2,
@@ -93,7 +93,7 @@ fn growth(point: &Point, stiffness_n_per_m: f64) -> f64 {
 
 #[test]
 fn growth_and_decay_change_places_at_the_envelope() {
-    /// Relative distance from the envelope at which the motion must clearly grow or decay.
+    /// At this relative distance from the envelope, the motion must clearly grow or decay.
     const ASIDE: f64 = 0.005;
     let (amplifier, mode, arm) = (Some(AMPLIFIER), Some(MODE), Some(ARM));
     let none = Elements::default();

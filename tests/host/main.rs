@@ -1,4 +1,4 @@
-//! The core and the simulator together on the host, compared with theory, paper and documentation.
+//! Runs the core and the simulator together on the host, and compares them with theory, paper and documentation.
 
 #![allow(
     clippy::unwrap_used,

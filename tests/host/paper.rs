@@ -1,4 +1,4 @@
-//! The paper's results on its own device, and the effect of fixed point compared with the `f64` twin.
+//! Tests the paper's results on its own device, and the effect of fixed point in comparison with the `f64` twin.
 
 use std::sync::{OnceLock, atomic::AtomicBool};
 
@@ -14,7 +14,7 @@ use host_sim::{
 };
 use zwidth::VelocitySettings;
 
-/// Area of one cell of the walk's grid, N^2 s/m^2.
+/// Area of one cell of the walk's grid, in N^2 s/m^2.
 const CELL: f64 = 2000.0 * 10.0;
 const SCENES: [&str; 2] = ["paper-1um", "paper-2um"];
 const REPEATS: u32 = 4;
@@ -116,7 +116,8 @@ fn fixed_point_areas_are_the_twins() {
     assert!(mean <= 0.01);
 }
 
-/// Points in which two boundaries differ, as pairs at the same B. A missing point is K = 0.
+/// The points in which two boundaries differ. A pair has both points at the same B. If a boundary has no point there,
+/// its K is 0.
 fn differing(a: &Boundary, b: &Boundary) -> Vec<(BoundaryPoint, BoundaryPoint)> {
     let point = |boundary: &Boundary, n: usize, other: &Boundary| {
         boundary.points.get(n).copied().unwrap_or_else(|| BoundaryPoint {
@@ -128,8 +129,8 @@ fn differing(a: &Boundary, b: &Boundary) -> Vec<(BoundaryPoint, BoundaryPoint)> 
     both.filter(|(a, b)| a != b).collect()
 }
 
-/// Whether the exact twin gives both verdicts for this wall if the start is moved by up to 0.015 count, in steps of
-/// 0.0001.
+/// Whether this wall is chaotic. It is if the exact twin gives both verdicts when the start is moved by up to 0.015
+/// count, in steps of 0.0001.
 fn is_chaotic(
     prepared: &PreparedScene,
     velocity: VelocitySettings,

@@ -1,5 +1,5 @@
-//! The passivity observer and controller in whole hits of random scenes: the energy that a contact supplies, compared
-//! with independent sums.
+//! Runs the passivity observer and controller in whole hits of random scenes. Compares the energy that a contact
+//! supplies with independent sums.
 
 use host_sim::{
     scene::{NamedScene, Scene},
@@ -13,14 +13,14 @@ use zwidth::VelocitySettings;
 
 use crate::figure::figure;
 
-/// A hit, and values that only a simulator knows.
+/// The report of a hit, and values that only a simulator knows.
 struct Seen {
     report: HitReport,
-    /// Largest change of the counts' motion, counts. The controller's limit must allow this change.
+    /// Largest change of the counts' motion, in counts. The controller's limit must allow this change.
     change: f64,
-    /// Smallest energy that the acting force has exchanged with the true motion in a contact, J.
+    /// Smallest energy that the acting force has exchanged with the true motion in a contact, in J.
     given_true_j: f64,
-    /// Sum over all changes of the force: the change times one count, J.
+    /// The sum of all changes of the force, each times the length of one count, in J.
     unseen_j: f64,
     outputs: u32,
 }
@@ -60,7 +60,7 @@ fn seen(scene: &Scene, hit: &WallHit) -> Seen {
     }
 }
 
-/// The account of energy in `f64`.
+/// The exchanged energy, summed in `f64`.
 #[derive(Default)]
 struct Sums {
     wall_n: f64,
@@ -176,7 +176,7 @@ fn no_contact_of_ten_thousand_random_scenes_gives_more_than_the_reserve() {
     campaign(10_000, false);
 }
 
-/// Runs random scenes. `told`: also writes the figures for the documentation.
+/// Runs random scenes. With `told`, also writes the figures for the documentation.
 fn campaign(scenes: u32, told: bool) {
     let mut rng = SmallRng::seed_from_u64(25);
     let (mut ran, mut faster, mut gave, mut beyond) = (0u32, 0u32, 0u32, 0u32);

@@ -1,6 +1,6 @@
-//! Figures for the decision against idsp's biquad as velocity filter. Both filters get the same coefficients and
-//! inputs. The tests compare design and output. `docs/theory.md` quotes these figures, and `tests/elf/control_path.rs`
-//! has the instruction counts.
+//! Measures the figures for the decision against idsp's biquad as the velocity filter. Both filters get the same
+//! coefficients and inputs. The tests compare design and output. `docs/theory.md` quotes these figures, and
+//! `tests/elf/control_path.rs` has the instruction counts.
 
 use crate::figure::figure;
 use dsp_fixedpoint::Q32;
@@ -42,7 +42,8 @@ impl Peers {
         }
     }
 
-    /// Outputs of our filter, of first-order error feedback, and of wide state, LSB of the velocity.
+    /// Advances all three filters. Returns the outputs of our filter, of first-order error feedback, and of wide state,
+    /// in LSB of the velocity.
     fn update(&mut self, counts: i32) -> [i32; 3] {
         let input = Velocity::saturating_from_counts(counts);
         [

@@ -1,4 +1,4 @@
-//! Tests of the plant alone, on which other tests depend.
+//! Tests the plant alone. Other tests depend on these tests.
 
 use host_sim::{
     plant::{Plant as _, PlantStep},
@@ -84,7 +84,7 @@ fn energy_never_grows_unforced() {
 
 #[test]
 fn a_split_step_is_two_steps() {
-    /// Limit for a thousand roundings of states of some 0.03 m and 0.1 m/s, m.
+    /// Largest error of the position after a thousand roundings, in m. The states are some 0.03 m and 0.1 m/s.
     const OFFSET_ERROR_MAX_M: f64 = 1e-14;
     const SPEED_ERROR_MAX_M_PER_S: f64 = 1e-12;
     for fraction in [0.1, 0.3, 0.5, 0.999] {

@@ -16,8 +16,8 @@ use rayon::prelude::*;
 
 use crate::figure::figure;
 
-/// Permanent bilateral contact, an actuator that never saturates, and 10 nm counts. So the loop is linear. The output
-/// period stays the scene's, and the latency is `latency`.
+/// A scene whose loop is linear. The contact is permanent and bilateral, the actuator never saturates, and a count is
+/// 10 nm long. The output period stays the scene's, and the latency is `latency`.
 fn scene(latency: f64, stiffness_n_per_m: f64) -> Scene {
     const DEPTH_M: f64 = 1e-3;
     const DEFLECTION_M: f64 = 1e-4;
@@ -59,7 +59,7 @@ fn grows(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64, stiffness_n_per_m
     sizes_m[sizes_m.len() - 1] > sizes_m[CHUNKS_PER_SECOND as usize]
 }
 
-/// Half of the motion's range, m.
+/// Half of the motion's range, in m.
 fn size_m(simulation: &mut Simulation<Fixed>, samples: u32) -> f64 {
     let mut ends_m = [f64::INFINITY, f64::NEG_INFINITY];
     let _: ControlFlow<()> = simulation.run(samples, |sample| {
@@ -69,7 +69,7 @@ fn size_m(simulation: &mut Simulation<Fixed>, samples: u32) -> f64 {
     (ends_m[1] - ends_m[0]) / 2.0
 }
 
-/// K of the envelope, N/m.
+/// K at which the linear analysis predicts the limit of stability, in N/m.
 fn envelope(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64) -> f64 {
     let scene = scene(latency, 1000.0);
     let settings = scene.velocity.at(cutoff_hz);

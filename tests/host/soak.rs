@@ -1,4 +1,5 @@
-//! A day at 50 kHz: 4.3e9 samples, more than fit into 32 bits. Ignored by default; CI runs it.
+//! Runs a day at 50 kHz. It has 4.3e9 samples, which is more than fits into 32 bits. The tests are ignored by default,
+//! but CI runs them.
 
 use std::ops::ControlFlow;
 
@@ -14,7 +15,7 @@ use zwidth::{
 
 const RATE_HZ: f64 = 5e4;
 const HOURS: u64 = 24;
-/// Samples of an hour.
+/// Number of samples in an hour.
 const HOUR: u64 = 3600 * 50_000;
 
 #[test]
@@ -57,8 +58,8 @@ fn a_day_in_contact_at_50_khz_does_not_drift() {
     }
 }
 
-/// At constant speed, the filter's sums always stay within the ripple of the counts. The filter's gain at 0 Hz is
-/// exactly one, to the last bit.
+/// At constant speed, the sum of the velocities always stays within the ripple of the counts. The reason is that the
+/// filter's gain at 0 Hz is exactly one, to the last bit.
 #[test]
 #[ignore = "a minute; CI runs it"]
 fn a_day_at_constant_speed_the_velocitys_sum_is_the_way_to_one_count() {

@@ -1,4 +1,4 @@
-//! A current-mode amplifier on the force output: while enabled, its force is proportional to the command.
+//! A current-mode amplifier on the force output. While it is enabled, its force is proportional to the command.
 //!
 //! The command is integrated over time in whole units, so that each machine gives the same run. Full scale is 2047
 //! units for the DAC and 1 unit for the PWM.
@@ -18,7 +18,7 @@ pub struct Amplifier {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct State {
     enabled: bool,
-    /// Command in units, if enabled.
+    /// The command in units, which acts if the amplifier is enabled.
     command: i64,
     magnitude: bool,
     away: bool,
@@ -93,7 +93,7 @@ impl Amplifier {
         sum as f64 / (cycle - from) as f64 / self.full_scale()
     }
 
-    /// Integral of the command up to `cycle`, to be given to [`go_on`](Self::go_on) later.
+    /// Integral of the command up to `cycle`. The caller later passes it to [`go_on`](Self::go_on).
     pub(crate) fn pause(&self, cycle: u64) -> i64 {
         let mut state = self.state();
         state.accumulate(cycle);
@@ -111,7 +111,7 @@ impl Amplifier {
         self.state().enabled
     }
 
-    /// The present command in units, also while the amplifier is disabled.
+    /// The present command in units. It is kept also while the amplifier is disabled.
     pub fn command(&self) -> i64 {
         self.state().command
     }

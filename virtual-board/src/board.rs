@@ -14,13 +14,13 @@ use crate::{
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Board {
-    /// Name of the board; the firmware's feature has the same name.
+    /// Name of the board. The firmware's feature has the same name.
     pub name: &'static str,
     pub chip: Chip,
     /// Name of the chip for debug probes.
     pub part: &'static str,
     pub wiring: Wiring,
-    /// Lowest normal supply voltage of the chip, mV.
+    /// Lowest normal supply voltage of the chip, in mV.
     pub supply_mv: u32,
 }
 
@@ -28,7 +28,7 @@ const fn pin(port: char, number: u8) -> Pin {
     Pin { port, number }
 }
 
-/// The NUCLEO-F446RE, force by the DAC; the default.
+/// The NUCLEO-F446RE, whose force output is the DAC. It is the default board.
 pub const NUCLEO_F446RE: Board = Board {
     name: "nucleo-f446re",
     chip: Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, id: 0x421, over_drive: true },
@@ -43,7 +43,7 @@ pub const NUCLEO_F446RE: Board = Board {
     supply_mv: 3200, // regulator of 3.3 V
 };
 
-/// The STM32F407G-DISC1, force by PWM.
+/// The STM32F407G-DISC1, whose force output is PWM.
 pub const DISCOVERY_F407: Board = Board {
     name: "discovery-f407",
     chip: Chip { core_hz: 168_000_000, flash_bytes: 0x10_0000, id: 0x413, over_drive: false },
@@ -85,7 +85,7 @@ impl Board {
     }
 }
 
-/// A powered board: chip, program, amplifier, probe.
+/// A board with its supply on. It has the chip with its program, the amplifier and a probe.
 pub struct Powered {
     pub board: Board,
     pub mcu: Mcu,

@@ -19,14 +19,14 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// Number of samples whose positions are stored; the same as on a board.
+/// Number of samples whose positions are stored. It is the same as on a board.
 const POSITIONS: usize = 256;
-/// Largest number of outputs whose reports wait for the console; the same as on a board.
+/// Largest number of outputs whose reports can wait for the console. It is the same as on a board.
 const REPORTS: usize = 15;
 /// Largest number of bytes that wait for the host.
 const UNREAD: usize = 4096;
 
-/// Memories that a reset keeps: the settings in flash and the words of the backup RAM.
+/// The memories that a reset keeps. They are the settings in flash and the words of the backup RAM.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Memories {
     flash: Option<Stored>,
@@ -34,7 +34,7 @@ pub struct Memories {
 }
 
 impl Memories {
-    /// Simulates a loss of supply: only flash is kept.
+    /// Simulates a loss of supply, after which only flash is kept.
     pub fn lose_power(&mut self) {
         self.backup = Default::default();
     }
@@ -145,10 +145,10 @@ impl Sampling for Down {
 struct Enable {
     active: bool,
     stop_open: bool,
-    /// The stop was open at some time since the amplifier was last enabled.
+    /// Whether the emergency stop was open at some time since the amplifier was last enabled.
     stop_noted: bool,
     supply_low: bool,
-    /// The supply was low at some time since the last output checked the supply.
+    /// Whether the supply was low at some time since the last output checked it.
     supply_noted: bool,
 }
 
@@ -166,7 +166,7 @@ pub struct CoreProgram {
     pub newest: Option<Report>,
     /// Number of the sample of the last output.
     rendered: u64,
-    /// The value of the last output; `None` if the output was off.
+    /// The code of the last output. `None` if the output was off.
     written: Option<OutputCode>,
     enable: Enable,
     backup: [u32; FaultRecord::WORDS],
@@ -245,7 +245,7 @@ impl CoreProgram {
         step.due
     }
 
-    /// Runs the task `render` for the newest due sample, if there is one. If `meets`, the task then carries out a
+    /// Runs the task `render` for the newest due sample, if there is one. With `meets`, the task then carries out a
     /// waiting order.
     pub fn render(&mut self, meets: bool) {
         let Some(up) = self.due.take() else { return };
@@ -315,7 +315,7 @@ impl CoreProgram {
         true
     }
 
-    /// Runs the last part of the task `link`: the console.
+    /// Runs the last part of the task `link`, which is the console.
     pub fn pass(&mut self, listens: bool) {
         self.console.pass(listens);
     }
@@ -357,19 +357,20 @@ impl CoreProgram {
         self.enable.active
     }
 
-    /// The output in codes from zero, with the sign of the motor's mounting direction; `None` while the output is off.
+    /// The output code, counted from zero force. It includes the sign that corrects the motor's mounting direction.
+    /// `None` while the output is off.
     pub fn output(&self) -> Option<i32> {
         let code = self.written?.code() - self.down.parameters.actuator.zero().code();
         Some(if self.renderer.motor_reversed() { -code } else { code })
     }
 
-    /// The output as a fraction of full scale; `None` while the output is off.
+    /// The output as a fraction of full scale. `None` while the output is off.
     pub fn output_part(&self) -> Option<f64> {
         let full = f64::from(self.down.parameters.actuator.codes_per_full_scale());
         self.output().map(|code| f64::from(code) / full)
     }
 
-    /// Samples per output.
+    /// Number of samples per output.
     pub fn period(&self) -> u32 {
         self.down.parameters.period.get()
     }

@@ -16,17 +16,18 @@ use crate::{
     elf::Elf,
 };
 
-/// Symbol of the record's address in the image (memory.x). `SECTOR` is the size reserved for the record, bytes.
+/// Name of the symbol with the record's address in the image (memory.x). `SECTOR` is the size reserved for the record,
+/// in bytes.
 const SYMBOL: &str = "_device_record";
 const SECTOR: usize = 16 * 1024;
 
-/// The device records that the images are built with.
+/// The name of each board, and the device record that its image is built with.
 const BUILT_IN: [(&str, &[u8]); BOARDS.len()] = [
     ("nucleo-f446re", include_bytes!("../../scenes/nucleo-f446re.device")),
     ("discovery-f407", include_bytes!("../../scenes/discovery-f407.device")),
 ];
 
-/// Cutoff after boot, Hz, if the scene gives none.
+/// Cutoff of the board after boot, in Hz. It is used if the scene gives none.
 const CUTOFF_HZ: f64 = 1500.0;
 
 impl Elf {
@@ -73,7 +74,7 @@ pub fn read(record: &[u8], board: Board) -> Result<Device<'static>, Error> {
 /// board itself reports an invalid record.
 ///
 /// # Errors
-/// Of record and scene, one is linear and one is rotary, or the radii differ.
+/// One of the two is linear and the other rotary, or their radii differ.
 pub fn same_units(record: &[u8], board: Board, scene: &Scene) -> Result<(), String> {
     let words = words(record);
     let facts = board_facts(board.name).map_err(|error| error.to_string())?;

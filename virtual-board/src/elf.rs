@@ -13,15 +13,15 @@ use seal::Linked;
 #[derive(Clone, Debug)]
 pub struct Elf {
     pub bytes: Vec<u8>,
-    /// Contents of flash: address and bytes of each piece.
+    /// The contents of flash. Each piece has its address and its bytes.
     pub flash: Vec<(u32, Vec<u8>)>,
-    /// Symbols: name, address without the Thumb bit, size.
+    /// The symbols. Each has its name, its address without the Thumb bit, and its size.
     pub symbols: Vec<(String, u32, u32)>,
-    /// Sections: name, address, size.
+    /// The sections. Each has its name, address and size.
     pub sections: Vec<(String, u32, u32)>,
 }
 
-/// Part of the symbol name of the static variable in which `sample` keeps its data between two samples.
+/// Part of a symbol name. The symbol is the static variable in which `sample` keeps its data between two samples.
 pub const SAMPLE_STATE: &str = "task6sample5PLACE";
 
 impl Elf {
@@ -33,7 +33,7 @@ impl Elf {
         Self::parse(input::read(path, input::PROGRAM)?, &path.display().to_string())
     }
 
-    /// Parses the bytes of a file; `origin` names the file in error messages.
+    /// Parses the bytes of a file. `origin` names the file in error messages.
     ///
     /// # Errors
     /// The bytes are not a 32-bit little-endian ELF.

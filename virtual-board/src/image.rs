@@ -18,8 +18,8 @@ fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Builds the ELF of a board as `cargo firmware` does, in a separate target directory. So the build does not wait for
-/// the `cargo` command that runs this code. Several processes build one after another. Adds the target to the tool
+/// Builds the ELF of a board as `cargo firmware` does. The build has a separate target directory, so it does not wait
+/// for the `cargo` command that runs this code. Several processes build one after another. Adds the target to the tool
 /// chain if it is missing. Removes `RUSTFLAGS`, since these flags are for the host.
 ///
 /// # Errors
@@ -84,7 +84,8 @@ fn keep_sealed(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, Strin
     keep(folder, &sealed, name)
 }
 
-/// Copies a built file to its own name, atomically, since the next build of another variant replaces the original.
+/// Copies a built file to a name of its own, because the next build of another variant replaces the original. The copy
+/// appears under this name only when it is complete.
 fn keep(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
     let (draft, kept) = (folder.join("draft"), folder.join(name));
     std::fs::copy(built, &draft)

@@ -1,4 +1,4 @@
-//! The firmware's release ELF in closed loop, with an emulated microcontroller in place of a board. The plant of a
+//! Runs the firmware's release ELF in closed loop, with an emulated microcontroller in place of a board. The plant of a
 //! scene moves the encoder's pins. The force output acts on the plant.
 #![forbid(unsafe_code)]
 

@@ -9,7 +9,8 @@ pub struct Decoder<'a> {
     pub(crate) begun: Vec<u8>,
 }
 
-/// Byte at the end of a frame: the log is encoded by reverse zero-compressing COBS.
+/// The byte at the end of a frame. The log is encoded by reverse zero-compressing COBS, so this byte occurs nowhere
+/// else.
 const FRAME_END: u8 = 0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,5 +1,5 @@
-//! RTT by reading and writing the control block in RAM, as a debug probe does. The board may be virtual, or real and
-//! behind a probe.
+//! Uses RTT as a debug probe does, by reading and writing the control block in RAM. The board may be virtual, or real
+//! and behind a probe.
 
 use crate::mcu::Mcu;
 
@@ -40,9 +40,9 @@ const HEADER: u32 = 24;
 const CHANNEL: u32 = 24;
 /// Number of channels in both directions, the same as in the firmware.
 const CHANNELS: u32 = 4;
-/// Size of the control block with these channels, bytes.
+/// Size of the control block with these channels, in bytes.
 const BLOCK: usize = (HEADER + CHANNELS * CHANNEL) as usize;
-/// Largest size of a buffer, bytes: the size of RAM.
+/// Largest size of a buffer, in bytes. It is the size of RAM.
 const LARGEST: u32 = 0x2_0000;
 
 /// An RTT control block at a known address.
@@ -61,7 +61,7 @@ impl Rtt {
         self.address
     }
 
-    /// Reads the control block with one access; `None` if the program has not set up the block.
+    /// Reads the control block with one access. Returns `None` if the program has not set up the block yet.
     ///
     /// # Errors
     /// The memory could not be reached.
@@ -99,7 +99,7 @@ impl Rtt {
         count
     }
 
-    /// Sets the mode of an up channel, as a debugger may: 0 skip, 1 trim, 2 block.
+    /// Sets the mode of an up channel, as a debugger may do. The modes are 0 for skip, 1 for trim and 2 for block.
     pub fn set_mode(&self, mcu: &mut Mcu, channel: u32, mode: u32) {
         mcu.write(self.address + HEADER + CHANNEL * channel + 20, &mode.to_le_bytes());
     }
@@ -158,7 +158,7 @@ pub struct Ring {
     /// Address of the channel's descriptor in the control block.
     at: u32,
     buffer: u32,
-    /// Size of the buffer, bytes.
+    /// Size of the buffer, in bytes.
     size: u32,
     /// Offset at which the writer continues.
     pub write: u32,

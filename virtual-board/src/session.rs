@@ -1,4 +1,4 @@
-//! Experiments on a virtual board, by the commands that a person types.
+//! Runs experiments on a virtual board. It sends the commands that a person would type.
 
 use std::path::PathBuf;
 
@@ -31,7 +31,7 @@ pub struct Session {
 
 #[derive(Debug)]
 pub enum Failed {
-    /// The firmware refused a command; its reply.
+    /// The firmware refused a command. The text is its reply.
     Refused(String),
     /// The program ended or did not answer.
     Program(Ended),
@@ -54,15 +54,15 @@ impl From<String> for Failed {
 pub struct BoardHit {
     pub line: String,
     pub verdict: Verdict,
-    /// RMS of the position about its mean, m.
+    /// RMS of the position about its mean, in m.
     pub rms_m: f64,
-    /// Mean of the position, m.
+    /// Mean of the position, in m.
     pub mean_m: f64,
-    /// Energy that the wall has absorbed in the last contact, and the largest energy that the wall has supplied in one
-    /// contact, J.
+    /// Two energies in J. The first is what the wall has absorbed in the last contact. The second is the most that the
+    /// wall has supplied in one contact.
     pub port_j: [f64; 2],
-    /// Result of each push of a quiet hit, in order; empty for other hits. The fields above have the results of the
-    /// deciding push.
+    /// The result of each push of a quiet hit, in order. Empty for other hits. The fields above have the results of the
+    /// push that decided the verdict.
     pub pushes: Vec<BoardPush>,
 }
 
@@ -82,7 +82,8 @@ impl BoardHit {
         Ok(Self { verdict, rms_m, mean_m, port_j, pushes, line })
     }
 
-    /// The deciding push: the first unstable push, or if all are stable, the push with the largest force variation.
+    /// The push that decided the verdict. It is the first unstable push. If all are stable, it is the push with the
+    /// largest force variation.
     pub fn deciding(&self) -> Option<&BoardPush> {
         let force_n = |push: &&BoardPush| push.force_rms_n;
         let loudest = || self.pushes.iter().max_by(|a, b| force_n(a).total_cmp(&force_n(b)));
@@ -98,11 +99,11 @@ pub struct BoardPush {
     pub push_n: f64,
     #[serde(serialize_with = "name_of")]
     pub verdict: Verdict,
-    /// RMS of the position about its mean, m.
+    /// RMS of the position about its mean, in m.
     pub rms_m: f64,
-    /// RMS of the force about its mean, N.
+    /// RMS of the force about its mean, in N.
     pub force_rms_n: f64,
-    /// `None` if the wall had no force.
+    /// K times the mean penetration, divided by the mean force of the wall. `None` if the wall had no force.
     pub penetration_ratio: Option<f64>,
 }
 
@@ -138,26 +139,26 @@ fn verdict(text: &str) -> Option<Verdict> {
 /// Result of a walk, as the firmware reports it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WalkReport {
-    /// Area under the boundary: sum of K dB over the points, N^2 s/m^2.
+    /// Area under the boundary, in N^2 s/m^2. It is the sum of K dB over the points.
     #[serde(rename = "area_n2_s_per_m2")]
     pub area: f64,
-    /// Largest K of the boundary, N/m.
+    /// Largest K of the boundary, in N/m.
     pub stiffness_peak_n_per_m: f64,
-    /// Largest B of the boundary, N s/m.
+    /// Largest B of the boundary, in N s/m.
     pub damping_max_n_s_per_m: f64,
     pub hits: u32,
     /// B and K of each point of the boundary.
     #[serde(skip)]
     pub points: Vec<[f64; 2]>,
     pub ended_by: String,
-    /// Duration on the board, s.
+    /// Duration on the board, in s.
     pub virtual_s: f64,
 }
 
-/// Samples after which a released handle is at rest.
+/// Number of samples after which a released handle is at rest.
 const REST_SAMPLES: u64 = 15_000;
 const ARM_SAMPLES: u64 = 4_000;
-/// Longest wait for a line of an experiment, samples. This time includes cooling down, the return move and the hit.
+/// Longest wait for a line of an experiment, in samples. This time includes cooling down, the return move and the hit.
 const LINE_SAMPLES: u64 = 3_000_000;
 
 impl Session {
@@ -174,7 +175,7 @@ impl Session {
     /// image's own record is used.
     ///
     /// # Errors
-    /// The errors of [`open`](Self::open).
+    /// The same errors as in [`open`](Self::open).
     pub fn open_with(
         board: Board,
         elf: Option<&PathBuf>,
@@ -225,11 +226,11 @@ impl Session {
         Ok(world)
     }
 
-    /// Boots the board while a hand holds the handle at the scene's 0, and sets the zero there. So the board's
+    /// Boots the board while a hand holds the handle at the scene's position 0, and sets the zero there. So the board's
     /// positions are the scene's. Then releases the handle and waits until the handle rests.
     ///
     /// # Errors
-    /// The errors of [`boot`](Self::boot), or the board refused `zero`.
+    /// The same errors as in [`boot`](Self::boot), or the board refused `zero`.
     pub fn boot_at_zero(&self) -> Result<World<'_>, Failed> {
         self.zeroed(false)
     }
@@ -238,7 +239,7 @@ impl Session {
     /// handle.
     ///
     /// # Errors
-    /// The errors of [`boot_at_zero`](Self::boot_at_zero).
+    /// The same errors as in [`boot_at_zero`](Self::boot_at_zero).
     pub fn boot_and_let_go(&self) -> Result<World<'_>, Failed> {
         self.let_go(false)
     }
@@ -258,7 +259,8 @@ impl Session {
         Ok(world)
     }
 
-    /// An armed board with its zero at the scene's 0 and the scene's wall, push and start. No hand holds the handle.
+    /// Arms a board with its zero at the scene's position 0, and with the scene's wall, push and start. No hand holds
+    /// the handle.
     fn ready(&self, cutoff_hz: f64) -> Result<World<'_>, Failed> {
         let scene = &self.scene.scene;
         let (tunings, estimator) = tuning(self.board, scene, cutoff_hz)?;
@@ -362,7 +364,8 @@ impl Session {
 const K: &str = "stiffness_n_per_m";
 const B: &str = "damping_n_s_per_m";
 
-/// The commands that set a scene's grid. The largest values come first, since a step must be below its largest value.
+/// The commands that set a scene's grid. The largest values of K and B come first, because a step must be below its
+/// largest value.
 fn grid(scene: &Scene) -> [String; 6] {
     let walk = &scene.walk;
     let said = |key: &str, value: f64| scene.units.command(key, value);
@@ -383,7 +386,7 @@ fn number(line: &str, name: &str) -> Result<f64, Failed> {
     word.parse().map_err(|_| Failed::Refused(format!("no number behind {name:?} in: {line}")))
 }
 
-/// Sends a line. Returns the reply; a reply with an error is an `Err`.
+/// Sends a line and returns the reply. A reply with an error is returned as an `Err`.
 ///
 /// # Errors
 /// The firmware refused the line, or its program ended.
@@ -399,13 +402,13 @@ pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
 /// Sends several lines as [`ask`] does.
 ///
 /// # Errors
-/// The errors of [`ask`].
+/// The same errors as in [`ask`].
 pub fn ask_each(world: &mut World<'_>, lines: &[impl AsRef<str>]) -> Result<(), Failed> {
     lines.iter().try_for_each(|line| ask(world, line.as_ref()).map(drop))
 }
 
-/// The commands that tune the scene's estimator and select this estimator. The firmware refuses an estimator that is
-/// not in the image.
+/// The commands that tune the scene's estimator and then select it. The firmware refuses an estimator that is not in
+/// the image.
 fn tuning(
     board: Board,
     scene: &Scene,

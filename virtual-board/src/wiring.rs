@@ -2,26 +2,26 @@ use crate::mcu::Pin;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wiring {
-    /// Channels A and B of the encoder.
+    /// The pins of the encoder's channels A and B.
     pub encoder: [Pin; 2],
     /// Pins of TIM3's channels 1 and 2, if A and B are also wired to TIM3. Then TIM3 captures the times of the edges.
     pub captured: Option<[Pin; 2]>,
     pub force: Force,
-    /// Amplifier enable, active high.
+    /// The pin that enables the amplifier. It is active high.
     pub enable: Pin,
-    /// Emergency stop, normally closed to ground.
+    /// The pin of the emergency stop, whose switch is normally closed to ground.
     pub stop: Pin,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Force {
-    /// Channel 1 of the DAC.
+    /// The force output is channel 1 of the DAC.
     Dac { pin: Pin },
-    /// Sign-magnitude PWM of TIM1.
+    /// The force output is a sign-magnitude PWM of TIM1.
     Pwm {
-        /// Channel 1: magnitude of the force.
+        /// The pin of channel 1, which gives the magnitude of the force.
         magnitude: Pin,
-        /// Channel 2. A high level means a force away from the wall.
+        /// The pin of channel 2, which gives the sign. A high level means a force away from the wall.
         sign: Pin,
     },
 }

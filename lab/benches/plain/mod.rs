@@ -1,6 +1,6 @@
-//! A plain scalar `f64` loop with the equations of a wall hit, the reference of the benchmarks. The loop takes only the
-//! filter's coefficients from the simulator. At the boundary the loop is in a limit cycle, so no state becomes
-//! subnormal.
+//! A plain scalar `f64` loop with the equations of a wall hit. The benchmarks compare the simulator with this loop. The
+//! loop takes only the filter's coefficients from the simulator. At the stability boundary the loop is in a limit
+//! cycle. So no state becomes subnormal.
 
 use host_sim::simulation::twin::LowPass;
 use zwidth::velocity::ButterworthDesign;
@@ -11,7 +11,7 @@ pub const SAMPLES: usize = 60_000;
 /// velocity in counts per sample.
 pub trait Filter {
     fn update(&mut self, moved: f64) -> f64;
-    /// Gives the filter the speed of the handle at the next sample, m/s.
+    /// Gives the filter the speed of the handle at the next sample, in m/s.
     #[inline(always)]
     fn look(&mut self, _speed: f64) {}
     /// Gives the filter the actuator's force since the last sample, as a fraction of full scale.
@@ -54,7 +54,8 @@ impl Filter for Butterworth {
 
 const T: f64 = 1e-4;
 
-/// A wall hit by the equations alone: mass, quantiser, difference, estimator, wall, saturation and latency.
+/// Computes a wall hit from the equations alone. They are those of mass, quantiser, difference, estimator, wall,
+/// saturation and latency.
 #[inline(never)]
 pub fn plain(mut filter: impl Filter, stiffness: f64, damping: f64) -> f64 {
     let (mass, b, k, rest) = (0.4160, 5.5195, 11.0626, 0.0517);

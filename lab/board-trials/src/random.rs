@@ -1,4 +1,4 @@
-//! Random numbers of the campaigns, the same on every machine.
+//! Random numbers for the campaigns. They are the same on every machine.
 
 use host_sim::notation::rounded;
 
@@ -33,7 +33,7 @@ impl Random {
         *self.one(all)
     }
 
-    /// True with probability 1 in `n`.
+    /// Returns true in one of `n` calls on average.
     pub fn once_in(&mut self, n: u64) -> bool {
         self.below(n) == 0
     }

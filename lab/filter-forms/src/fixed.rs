@@ -1,4 +1,5 @@
-//! Direct forms in fixed point, by the core's rules, with or without error feedback. For Q15 each word is half as wide.
+//! Direct forms in fixed point, with or without error feedback. They follow the rules of the core. For Q15 each word is
+//! half as wide.
 //!
 //! A coefficient has two bits before the point, because `|a1|` reaches 1.98. The other bits are after the point: 30
 //! bits in a 32-bit word, 14 bits in Q15. The core's rule makes the DC gain exactly one. This is the best that these
@@ -16,13 +17,13 @@ use crate::{
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coefficients<W> {
-    /// Numerator: b0, b1 and b2.
+    /// The coefficients of the numerator, b0, b1 and b2.
     pub b: [W; 3],
-    /// Denominator: a1 and a2.
+    /// The coefficients of the denominator, a1 and a2.
     pub a: [W; 2],
 }
 
-/// Fractional bits of a coefficient in a word of `word_bits` bits.
+/// Number of fractional bits of a coefficient, if a word has `word_bits` bits.
 pub const fn fraction(word_bits: u32) -> u32 {
     word_bits - 2
 }
@@ -39,7 +40,7 @@ impl<W: Word> Coefficients<W> {
     /// values.
     ///
     /// # Errors
-    /// The DC sum rounds to 0, so the output could not move.
+    /// The DC sum rounds to 0. The output could then never change.
     pub fn exact_at_dc(p: &Prototype) -> Result<Self, Refused> {
         #[expect(clippy::cast_precision_loss, reason = "a power of two")]
         let one = (1u64 << fraction(W::BITS)) as f64;
@@ -53,7 +54,7 @@ impl<W: Word> Coefficients<W> {
     }
 }
 
-/// b0 x + b1 x1 + b2 x2 - a1 y1 - a2 y2.
+/// Computes `b0 x + b1 x1 + b2 x2 - a1 y1 - a2 y2`.
 #[inline]
 fn sum<W: Word>(c: &Coefficients<W>, x: [W; 3], y: [W; 2]) -> W::Wide {
     c.b[0].times(x[0]) + c.b[1].times(x[1]) + c.b[2].times(x[2])
@@ -163,7 +164,7 @@ mod tests {
         velocity::{BiquadState, ButterworthDesign},
     };
 
-    /// Speeds of a hand, LSB: fast, slow, backwards, zero.
+    /// Speed of a hand at sample `n`, in LSB. The motion is fast, slow, backwards and zero in turn.
     fn speeds(n: i32) -> i32 {
         let seed = n.wrapping_mul(1_103_515_245).wrapping_add(12_345);
         match n / 500 % 4 {

@@ -25,7 +25,7 @@ pub struct StateVariable<W: Word> {
 }
 
 impl<W: Word> StateVariable<W> {
-    /// Bits of a state below the signal's LSB. Three bits are left above the signal for overshoot.
+    /// Number of bits that a state has below the signal's LSB. Three bits are left above the signal for overshoot.
     const BELOW: u32 = W::BITS - 4;
 
     /// A filter at rest.
@@ -68,9 +68,9 @@ pub struct Delta<W: Word> {
     /// coefficient.
     alpha2: W,
     alpha2_bits: u32,
-    /// Bits of the first state below the signal's LSB, at most `alpha2_bits`.
+    /// Number of bits that the first state has below the signal's LSB. It is at most `alpha2_bits`.
     below: u32,
-    /// First state in units of `2^-below` LSB, second state in units of `2^-alpha2_bits` LSB.
+    /// The two states. The first is in units of `2^-below` LSB, the second in units of `2^-alpha2_bits` LSB.
     s: [W::Wide; 2],
 }
 
@@ -127,14 +127,14 @@ mod tests {
     use super::*;
     use crate::float;
 
-    /// Fractional bits of a signal: 15 for Q15, 16 for the other formats.
+    /// Number of fractional bits of a signal. It is 15 for Q15 and 16 for the other formats.
     fn lsb_bits<W: Word>() -> u32 {
         if W::BITS == 16 { 15 } else { 16 }
     }
 
     const CUTOFFS_HZ: [f64; 6] = [0.1, 1.0, 20.0, 500.0, 2000.0, 4500.0];
 
-    /// Motion of a hand up to `full` LSB: fast, slow, backwards, zero.
+    /// Speed of a hand at sample `n`, up to `full` LSB. The motion is fast, slow, backwards and zero in turn.
     fn speed(n: i32, full: f64) -> f64 {
         let seed = n.wrapping_mul(1_103_515_245).wrapping_add(12_345);
         let random = f64::from(seed >> 8) / f64::from(1 << 23);
@@ -146,7 +146,7 @@ mod tests {
         })
     }
 
-    /// Largest difference of the outputs of two forms for this motion, LSB.
+    /// Largest difference between the outputs of two forms for the motion of [`speed`], in LSB.
     fn distance<W: Word + Signal>(
         form: &mut impl Step<Signal = W>,
         exact: &mut impl Step<Signal = f64>,
@@ -161,7 +161,7 @@ mod tests {
         worst
     }
 
-    /// The allowed difference is the rounding of the output plus the effect of rounded coefficients.
+    /// The allowed difference has two parts: the rounding of the output, and the effect of rounded coefficients.
     #[test]
     fn in_fixed_point_they_are_what_they_are_in_f64() {
         for cutoff_hz in CUTOFFS_HZ {

@@ -42,7 +42,7 @@ use fixed::Coefficients;
 use float::Float;
 use word::Word;
 
-/// Why a format cannot have a cutoff.
+/// The reason why a format cannot be used at a cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refused {
     /// The core refuses the cutoff.
@@ -50,7 +50,7 @@ pub enum Refused {
     /// A necessary coefficient rounds to 0.
     Zero {
         coefficient: &'static str,
-        /// Fractional bits of the coefficient.
+        /// Number of fractional bits that the coefficient has.
         fraction: u32,
     },
 }
@@ -71,7 +71,7 @@ impl core::error::Error for Refused {}
 #[derive(Clone, Copy, Debug)]
 pub struct Filter {
     kind: Kind,
-    /// Fractional bits of a signal in Q15.
+    /// Number of fractional bits of a signal in Q15.
     fraction: u32,
 }
 
@@ -162,22 +162,21 @@ pub trait Step: Copy {
 
     fn step(&mut self, x: Self::Signal) -> Self::Signal;
 
-    /// Updates the filter by one sample. Input and output are velocities in LSB of the core. `fraction` is for Q15
-    /// only.
+    /// Updates the filter by one sample. Input and output are velocities in LSB of the core. Only Q15 uses `fraction`.
     #[inline]
     fn velocity(&mut self, input: i32, fraction: u32) -> i32 {
         self.step(Signal::of_velocity(input, fraction)).to_velocity(fraction)
     }
 
-    /// Does the same as [`velocity`](Self::velocity), but the output is in counts per sample, with all digits of the
-    /// format.
+    /// Does the same as [`velocity`](Self::velocity), but returns the output in counts per sample. It has all digits of
+    /// the format.
     #[inline]
     fn counts(&mut self, input: i32, fraction: u32) -> f64 {
         self.step(Signal::of_velocity(input, fraction)).to_counts(fraction)
     }
 }
 
-/// An operation on a form. The compiler makes a version of the operation for each form.
+/// An operation that works with every form. The compiler makes one version of it for each form.
 pub trait Visit {
     type Output;
 
@@ -185,7 +184,8 @@ pub trait Visit {
 }
 
 impl Filter {
-    /// A filter at rest. `q15_fraction`: fractional bits of a signal in Q15, up to 15. The full scale of Q15 is `2^(15
+    /// A filter at rest. `q15_fraction` is the number of fractional bits of a signal in Q15, up to 15. The full scale
+    /// of Q15 is `2^(15
     /// - q15_fraction)` counts per sample.
     ///
     /// # Errors
@@ -222,7 +222,7 @@ impl Filter {
         Ok(Self { kind, fraction: q15_fraction })
     }
 
-    /// Applies an operation to the form of this filter, with a single match for the form.
+    /// Applies an operation to the form of this filter. The form is looked up only once, before the operation.
     #[inline]
     pub fn visit<V: Visit>(&mut self, visit: V) -> V::Output {
         let fraction = self.fraction;

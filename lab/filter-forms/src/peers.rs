@@ -1,5 +1,5 @@
-//! The same filter from other libraries. The biquads of idsp are the code of idsp. The biquads of CMSIS-DSP in Q31 are
-//! written here from the published arithmetic.
+//! The same filter from other libraries. For idsp, the library's own code is called. The Q31 biquads of CMSIS-DSP are
+//! written here from their published arithmetic.
 //!
 //! All filters have the coefficients of the core's rule ([`Coefficients::exact_at_dc`]). `a1` and `a2` have the
 //! opposite sign, because these libraries add the feedback terms. CMSIS-DSP has the format 1.31 with a `postShift` of
@@ -47,7 +47,7 @@ impl Step for IdspDither {
     }
 }
 
-/// idsp's direct form 1, with 64 bits for past outputs.
+/// idsp's direct form 1. It keeps past outputs in 64 bits.
 #[derive(Clone, Copy, Debug)]
 pub struct IdspWide {
     ba: [i32; 5],
@@ -158,7 +158,8 @@ mod tests {
         })
     }
 
-    /// Compares the two sources of the same arithmetic: CMSIS-DSP's documentation, as written above, and idsp.
+    /// Compares two sources of the same arithmetic. One is CMSIS-DSP's documentation, from which the code above is
+    /// written. The other is idsp.
     #[test]
     fn the_form_with_wide_outputs_is_that_of_idsp_to_the_bit() {
         for cutoff_hz in [0.5, 20.0, 1500.0] {
@@ -170,7 +171,8 @@ mod tests {
         }
     }
 
-    /// A step to the middle of the range, computed by hand. The sum is rounded towards minus infinity.
+    /// The expected outputs of this step to the middle of the range are computed by hand. They show that the sum is
+    /// rounded towards minus infinity.
     #[test]
     fn the_sum_is_truncated() {
         let c = Coefficients { b: [1, 0, 0], a: [-(1 << 29), 0] };

@@ -52,7 +52,7 @@ impl Prototype {
         4.0 * self.b0()
     }
 
-    /// Gain of an integrator in the state-variable form.
+    /// Gain `g = w / 2` of an integrator in the state-variable form.
     pub fn g(&self) -> f64 {
         0.5 * self.w
     }
@@ -62,7 +62,7 @@ impl Prototype {
         1.0 / (1.0 + self.g() * (self.g() + SQRT_2))
     }
 
-    /// Frequency of -3 dB, in units of the rate.
+    /// The frequency at which the gain is -3 dB, as a fraction of the sample rate.
     pub fn true_cutoff(&self) -> f64 {
         // The formula of `zwidth` with a rate of 1.
         zwidth::velocity::true_cutoff_hz(self.w / (2.0 * PI), 1.0, false)

@@ -1,4 +1,4 @@
-//! Conversion of the core's velocity to a signal of each format, and back.
+//! Converts the core's velocity to a signal of each format, and back.
 
 use zwidth::units::Velocity;
 
@@ -6,13 +6,13 @@ use zwidth::units::Velocity;
 pub trait Signal: Copy {
     /// The signal nearest to `bits` LSB of the core's velocity, saturated. Only Q15 uses `fraction`.
     fn of_velocity(bits: i32, fraction: u32) -> Self;
-    /// The velocity nearest to the signal, LSB, saturated to `i32`.
+    /// The velocity nearest to the signal, in LSB, saturated to `i32`.
     fn to_velocity(self, fraction: u32) -> i32;
     /// The signal in counts per sample, with all its digits.
     fn to_counts(self, fraction: u32) -> f64;
 }
 
-/// LSB of the core's velocity in one count per sample.
+/// One count per sample is this number of LSB of the core's velocity.
 const PER_COUNT: f64 = 65_536.0;
 
 impl Signal for i32 {

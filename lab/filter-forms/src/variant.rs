@@ -1,25 +1,25 @@
 //! Names of all combinations of format and form.
 
-/// Number format, or library of the filter.
+/// The number format of a filter, or the library that it comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Format {
-    /// The core: 32-bit coefficients, 64-bit sums, with error feedback.
+    /// The core's format. It has 32-bit coefficients, 64-bit sums and error feedback.
     I32Feedback,
-    /// 32-bit coefficients, 64-bit sums, without error feedback.
+    /// The core's format without error feedback. It has 32-bit coefficients and 64-bit sums.
     I32,
-    /// 16-bit words, 32-bit sums, with error feedback.
+    /// Q15 with error feedback. It has 16-bit words and 32-bit sums.
     Q15Feedback,
-    /// 16-bit words, 32-bit sums, without error feedback.
+    /// Q15 without error feedback. It has 16-bit words and 32-bit sums.
     Q15,
     F32,
     F64,
-    /// idsp: 32-bit words, 64-bit sums, first-order feedback.
+    /// The filter of idsp with 32-bit words, 64-bit sums and first-order error feedback.
     IdspDither,
-    /// idsp: 32-bit words, past outputs of 64 bits.
+    /// The filter of idsp with 32-bit words. It keeps past outputs in 64 bits.
     IdspWide,
-    /// CMSIS-DSP: 32-bit words, 64-bit sums, truncated.
+    /// The filter of CMSIS-DSP with 32-bit words and 64-bit sums. The sums are truncated.
     CmsisQ31,
-    /// CMSIS-DSP: 32-bit words, past outputs of 64 bits, truncated.
+    /// The filter of CMSIS-DSP with 32-bit words. It keeps past outputs in 64 bits, and truncates its sums.
     Cmsis32x64,
 }
 
@@ -27,7 +27,7 @@ pub enum Format {
 pub enum Form {
     Direct1,
     Direct2Transposed,
-    /// State-variable form, trapezoidal integrators.
+    /// The state-variable form with trapezoidal integrators.
     StateVariable,
     Delta,
 }

@@ -1,5 +1,5 @@
-//! Words of two sizes. One source gives the 32-bit forms and Q15. Signals and coefficients are in a word. Sums and
-//! integrators are in a word of twice the size.
+//! Integer words of two sizes. The same source makes the 32-bit forms and the 16-bit forms of Q15. A signal or a
+//! coefficient has one word. A sum or an integrator has a word of twice the size.
 
 use core::{
     hint::cold_path,
@@ -19,7 +19,7 @@ pub trait Wide:
 {
     const ZERO: Self;
     const ONE: Self;
-    /// A saturated sum.
+    /// The sum of both words. It saturates if it does not fit.
     fn clipped_add(self, other: Self) -> Self;
 }
 
@@ -29,9 +29,9 @@ pub trait Word: Copy + PartialEq {
     const BITS: u32;
     const ZERO: Self;
     fn wide(self) -> Self::Wide;
-    /// The exact product.
+    /// The exact product, in a word of twice the size.
     fn times(self, other: Self) -> Self::Wide;
-    /// `self other / 2^bits`, rounded to nearest. `bits` is at least 1 and below the bits of a word.
+    /// Computes `self * other / 2^bits`, rounded to nearest. `bits` is at least 1 and below the bits of a word.
     fn times_wide(self, other: Self::Wide, bits: u32) -> Self::Wide;
     /// The word nearest to `value`.
     fn clipped(value: Self::Wide) -> Self;

@@ -19,8 +19,9 @@ use crate::{
     study::{boundary::Boundary, sweep::start_offset_counts, walk::walk_with},
 };
 
-/// The core's finite difference with a filter of any format after it. Wall, saturation and output codes are the core's.
-/// So only the filter differs. With the core's own filter, the result equals the core's result.
+/// A controller with the core's finite difference and, after it, a filter of any format. Wall, saturation and output
+/// codes are the core's. So it differs from the core only in the filter. With the core's own filter, the result equals
+/// the core's result.
 #[derive(Clone, Copy, Debug)]
 pub struct Filtered {
     core: Fixed,
@@ -28,7 +29,7 @@ pub struct Filtered {
 }
 
 impl Filtered {
-    /// The velocity estimator of `core` must be the finite difference only.
+    /// Puts `filter` after the velocity estimator of `core`, which must be the plain finite difference.
     pub fn new(core: Fixed, filter: Filter) -> Self {
         Self { core, filter }
     }
@@ -86,7 +87,7 @@ impl Controller for Filtered {
     }
 }
 
-/// Areas of the walks from several starts, N^2 s/m^2.
+/// Areas under the boundary of the walks from several starts, in N^2 s/m^2.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Areas(pub Vec<f64>);
 
@@ -95,14 +96,14 @@ impl Areas {
         Repeats::of(self.0.iter().copied()).mean
     }
 
-    /// Largest area minus smallest area, divided by the mean; 0 if the mean is 0.
+    /// The largest area minus the smallest area, divided by the mean area. It is 0 if the mean is 0.
     pub fn spread(&self) -> f64 {
         let low = self.0.iter().copied().fold(f64::INFINITY, f64::min);
         let high = self.0.iter().copied().fold(0.0, f64::max);
         if self.mean() > 0.0 { (high - low) / self.mean() } else { 0.0 }
     }
 
-    /// Relative difference of the mean area from the mean area of the reference. `None` if the reference has no area.
+    /// Relative difference of this mean area from the reference's mean area. `None` if the reference has no area.
     pub fn change(&self, reference: &Self) -> Option<f64> {
         (reference.mean() > 0.0).then(|| self.mean() / reference.mean() - 1.0)
     }
@@ -115,7 +116,7 @@ pub fn prepare(scene: &Scene) -> Result<PreparedScene, Error> {
     PreparedScene::new(&scene)
 }
 
-/// One walk with `filter`. `start` is at least 0 and below 1, in counts.
+/// Runs one walk with `filter`. `start` shifts the start position by a part of a count: it is at least 0 and below 1.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -131,8 +132,9 @@ pub fn boundary(
     })
 }
 
-/// Areas of each variant at each cutoff: all cutoffs of the first variant, then all cutoffs of the second variant, and
-/// so on. `None` if the format cannot have the cutoff. `done` is called after each walk.
+/// Measures the areas of each variant at each cutoff. The result begins with all cutoffs of the first variant, then has
+/// all cutoffs of the second variant, and so on. An entry is `None` if the format cannot have the cutoff. `done` is
+/// called after each walk.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.

@@ -1,4 +1,5 @@
-//! Cost of one filter update: stored cycles on the board's core, and measured nanoseconds on this machine.
+//! The cost of one filter update. The cycles on the board's core are from a stored table. The nanoseconds on this
+//! machine are measured.
 
 use std::time::Instant;
 
@@ -6,8 +7,8 @@ use filter_forms::{Filter, Step, Variant, Visit};
 
 use crate::analysis::compare::Cost;
 
-/// Cost of one update of `variant`, with conversion from and to velocity bits. The cycles are from a table, which a
-/// test compares with a measurement.
+/// Cost of one update of `variant`. It includes the conversion from and to velocity bits. The cycles are from a stored
+/// table, and a test compares this table with a measurement.
 pub fn of(variant: Variant) -> Option<Cost> {
     Cost::find(include_str!("../../../host-sim/data/filter_cost.csv"), &variant.to_string())
 }
@@ -15,7 +16,7 @@ pub fn of(variant: Variant) -> Option<Cost> {
 const SAMPLES: u32 = 50_000;
 const RUNS: u32 = 5;
 
-/// Time of one update on this machine, ns: the minimum of several runs. This time differs from call to call.
+/// Time of one update on this machine, in ns: the minimum of several runs. This time differs from call to call.
 pub fn host_ns(filter: &Filter) -> f64 {
     struct Time;
     impl Visit for Time {

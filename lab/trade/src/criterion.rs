@@ -1,26 +1,27 @@
-//! Criteria for a filter. A filter is good enough if its error is below the encoder's error in the exact output.
+//! Criteria for a filter. A filter is good enough if its own error in the output is smaller than the error that the
+//! encoder causes there.
 
 use super::{LSB_PER_COUNT, drift, larger, noise::Noise, response::Response};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
     pub response: Response,
-    /// DC drift over `drift::SAMPLES`, counts.
+    /// DC drift over `drift::SAMPLES`, in counts.
     pub drift_counts: f64,
-    /// Distance from the exact filter, counts per sample.
+    /// RMS distance of the output from the exact filter's output, in counts per sample.
     pub noise: Noise,
-    /// Largest output after a stop, counts per sample.
+    /// Largest output after a stop, in counts per sample.
     pub rest_counts: f64,
-    /// Largest speed without overflow, counts per sample. `None` if other errors of the filter hide the overflow.
+    /// Largest speed without overflow, in counts per sample. `None` if other errors of the filter hide the overflow.
     pub headroom_counts: Option<f64>,
-    /// Mean area, N^2 s/m^2.
+    /// Mean area under the boundary, in N^2 s/m^2.
     pub area: Option<f64>,
-    /// Relative difference of the area from the area with the exact filter. `None` if the exact filter has no area.
+    /// Relative difference of this area from the area with the exact filter. `None` if the exact filter has no area.
     pub area_change: Option<f64>,
 }
 
 impl Measured {
-    /// Mean error at a constant speed, counts per sample. The ripple of the counts adds 10^-6.
+    /// Mean error at a constant speed, in counts per sample. The ripple of the counts adds 10^-6.
     pub fn bias_counts(&self) -> f64 {
         self.drift_counts / f64::from(drift::SAMPLES)
     }
@@ -29,15 +30,15 @@ impl Measured {
 /// Reference values of all filters at one cutoff.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exact {
-    /// Nominal cutoff of the filters, Hz.
+    /// Nominal cutoff of the filters, in Hz.
     pub cutoff_hz: f64,
-    /// Whether the measured band contains the -3 dB frequency.
+    /// Whether the -3 dB frequency is low enough to be measured.
     pub has_cutoff: bool,
-    /// Noise of the encoder in the output of the exact filter, counts per sample.
+    /// Noise of the encoder in the output of the exact filter, in counts per sample.
     pub encoder: Noise,
-    /// Mean area with the filter in `f64`, N^2 s/m^2.
+    /// Mean area with the filter in `f64`, in N^2 s/m^2.
     pub area: f64,
-    /// Relative spread of the area over the starts.
+    /// Spread of the area over the start positions, relative to the mean area.
     pub area_spread: f64,
 }
 
@@ -51,7 +52,7 @@ pub enum Criterion {
     /// Mean error at a constant speed.
     Bias,
     Noise,
-    /// Limit cycle after a stop.
+    /// The limit cycle that remains after a stop.
     Rest,
     Area,
 }
@@ -60,15 +61,16 @@ pub enum Criterion {
 pub const RESPONSE: f64 = 0.01;
 /// Largest allowed relative error of the -3 dB frequency: 1 %. The core has the same limit for its own filter.
 pub const CUTOFF: f64 = 0.01;
-/// Largest allowed bias, noise or limit cycle, as a share of the encoder's RMS. Noise of this size adds 0.5 % to the
-/// RMS. One LSB of the core's velocity is always allowed, because the wall gets no more digits.
+/// Largest allowed bias, noise or limit cycle, as a share of the RMS that the encoder causes. Noise of this size
+/// increases that RMS by 0.5 %. One LSB of the core's velocity is always allowed, because the wall gets no finer
+/// velocity.
 pub const NOISE: f64 = 0.1;
-/// Largest allowed change of the area. The spread of the area with the exact filter is added to this limit.
+/// Largest allowed change of the area. The spread of the exact filter's area is added to this limit.
 pub const AREA: f64 = 0.02;
 
 const LSB: f64 = 1.0 / LSB_PER_COUNT;
 
-/// Allowed error, if the encoder causes an RMS of `encoder`. Error and RMS are in counts per sample.
+/// The allowed error if the encoder causes an RMS of `encoder`. Error and RMS are in counts per sample.
 pub fn allowed_noise(encoder: f64) -> f64 {
     (NOISE * encoder).max(LSB)
 }

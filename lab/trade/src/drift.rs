@@ -8,11 +8,13 @@ use super::{Bench, larger, response::SETTLE_PERIODS};
 
 /// Number of samples over which the drift is measured.
 pub const SAMPLES: u32 = 1_000_000;
-/// Two speeds, each as a number of counts and a number of samples. Both speeds are low, because a dead zone has the
-/// most effect at low speeds. A gain error at high speed belongs to the error of the response.
+/// The two speeds of the test. Each is a number of counts and the number of samples in which the handle moves by them.
+/// Both speeds are low, because a dead zone has the most effect at low speeds. A gain error at high speed belongs to
+/// the error of the response.
 const SPEEDS: [(i64, i64); 2] = [(3, 10), (-1, 1000)];
 
-/// Largest span of `sum(out - in)` over [`SAMPLES`] samples, of all constant speeds, counts.
+/// Measures the span of `sum(out - in)` over [`SAMPLES`] samples at each constant speed. Returns the largest span, in
+/// counts.
 pub fn measure(bench: &Bench, filter: &Filter, cutoff_hz: f64) -> f64 {
     let transient = bench.samples(SETTLE_PERIODS, cutoff_hz) + 200;
     let mut worst = 0f64;

@@ -36,19 +36,19 @@ impl FilterRow {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Filters {
-    /// Reference values, one entry per cutoff.
+    /// The reference values. There is one entry per cutoff.
     pub exact: Vec<Exact>,
     /// Rows in the order of [`Variant::ALL`]. Within a variant, the cutoffs ascend.
     pub rows: Vec<FilterRow>,
-    /// Time of one update on this machine for each variant, ns.
+    /// Time of one update on this machine for each variant, in ns.
     pub host_ns: Vec<f64>,
 }
 
-/// The reference of the areas: the filter nearest to the exact filter.
+/// The variant whose areas are the reference, because it is nearest to the exact filter.
 pub const REFERENCE: Variant = Variant { format: Format::F64, form: Form::StateVariable };
 
-/// Cutoff at which the time of an update on this machine is measured, as a share of the rate. Every format can have
-/// this cutoff.
+/// The time of an update on this machine is measured at this cutoff, given as a share of the sample rate. Every format
+/// can have this cutoff.
 const TIMED_AT: f64 = 0.15;
 
 /// Measures all filters. `done` is called after each walk and each filter.
@@ -112,10 +112,10 @@ pub fn measure(
     Ok(Filters { exact, rows, host_ns: host_ns.collect() })
 }
 
-/// Noise of the encoder in the exact output, and the values of each variant.
+/// The noise that the encoder causes in the exact output, and the measured values of each variant.
 type Signals = (Noise, Vec<Result<Measured, Refused>>);
 
-/// `None` if `stop` was set.
+/// Measures all variants at one cutoff. Returns `None` if `stop` was set.
 fn at_cutoff(
     bench: &Bench,
     cutoff_hz: f64,

@@ -1,21 +1,22 @@
-//! The largest speed without wrap or clip in the filter.
+//! Measures the largest speed at which the filter neither wraps nor clips.
 
 use filter_forms::Filter;
 
 use super::{Bench, LSB_PER_COUNT, larger, reference::Reference};
 
-/// Periods of the cutoff before the reversal of the speed. `AFTER` are the periods that are measured after the
-/// reversal. The overshoot comes after 0.7 periods.
+/// The handle moves for this number of periods of the cutoff before it reverses. The output is then measured for
+/// `AFTER` periods. The overshoot comes 0.7 periods after the reversal.
 const BEFORE: f64 = 2.0;
 const AFTER: f64 = 1.2;
-/// Lowest tried speed, as a share of Q15's full scale. `FASTEST_COUNTS` is the highest, in counts per sample. `STEP` is
-/// the ratio of neighbouring speeds.
+/// The lowest speed that is tried, as a share of Q15's full scale. `FASTEST_COUNTS` is the highest one, in counts per
+/// sample. Each speed is `STEP` times the one before.
 const SLOWEST: f64 = 1.0 / 16.0;
 const FASTEST_COUNTS: f64 = 32_767.0;
 const STEP: f64 = 1.25;
 const HALVINGS: u32 = 8;
 
-/// Output of the exact filter if a handle with a speed of 1 reverses. All variants use the same reversal.
+/// The output of the exact filter when a handle with a speed of 1 count per sample reverses. All variants use the same
+/// reversal.
 #[derive(Clone, Debug)]
 pub struct Reversal {
     before: u32,
@@ -33,10 +34,10 @@ impl Reversal {
         Self { before, slowest: SLOWEST * bench.q15_full_scale_counts(), exact }
     }
 
-    /// Largest speed, counts per sample, at which the filter neither wraps nor saturates during the reversal. The
-    /// lowest and highest output must differ from those of the exact filter by at most a twentieth of the overshoot.
-    /// For a filter with other errors, the outputs may instead agree with its outputs at half the speed. `None` if
-    /// these errors hide the overflow at every speed.
+    /// Largest speed, in counts per sample, at which the filter neither wraps nor saturates during the reversal. The
+    /// lowest and highest output must differ from those of the exact filter by at most a twentieth of the overshoot. A
+    /// filter may have other errors. Then it is enough that its outputs agree with its own outputs at half the speed.
+    /// Returns `None` if these errors hide the overflow at every speed.
     pub fn measure(&self, filter: &Filter) -> Option<f64> {
         let mut low = FASTEST_COUNTS;
         let mut high = None;
@@ -74,7 +75,7 @@ impl Reversal {
             && (near(high, exact[1]) || near(high, half_high))
     }
 
-    /// Lowest and highest output, in units of the speed.
+    /// The lowest and the highest output, each divided by the speed.
     fn extremes(&self, filter: &Filter, speed: f64) -> [f64; 2] {
         #[expect(clippy::cast_possible_truncation, reason = "saturates")]
         let bits = (speed * LSB_PER_COUNT) as i32;
@@ -96,7 +97,7 @@ mod tests {
     use crate::{Variant, scene::NamedScene};
     use filter_forms::{Form, Format};
 
-    /// The reversal has an overshoot of 8.6 %. The overshoot must also fit into the full scale.
+    /// After the reversal the output overshoots by 8.6 %. This overshoot must also fit into the full scale.
     #[test]
     fn it_is_full_scale_less_the_overshoot() {
         let bench = Bench::of(&NamedScene::load("paper-1um").unwrap().scene);

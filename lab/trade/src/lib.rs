@@ -55,11 +55,11 @@ use sim_studies::{analysis, study};
 /// Settings that all filters of a scene share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bench {
-    /// Samples per second, Hz.
+    /// Sample rate, in Hz.
     pub rate_hz: f64,
-    /// Length of a count, m.
+    /// Length of a count, in m.
     pub resolution_m: f64,
-    /// Fractional bits of a signal in Q15.
+    /// Number of fractional bits of a signal in Q15.
     pub q15_fraction: u32,
 }
 
@@ -82,12 +82,12 @@ impl Bench {
         Self { rate_hz, resolution_m: scene.encoder.resolution_m, q15_fraction }
     }
 
-    /// Full scale of Q15, counts per sample.
+    /// Full scale of Q15, in counts per sample.
     pub fn q15_full_scale_counts(&self) -> f64 {
         full_scale_counts(self.q15_fraction)
     }
 
-    /// Speed of one count per sample, m/s.
+    /// Speed of one count per sample, in m/s.
     pub fn m_per_s(&self) -> f64 {
         self.resolution_m * self.rate_hz
     }
@@ -114,10 +114,11 @@ fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 
-/// LSB of the core's velocity in one count per sample.
+/// One count per sample is this number of LSB of the core's velocity.
 const LSB_PER_COUNT: f64 = 65_536.0;
 
-/// Default cutoffs: from 0.1 Hz in steps of 1, 2, 5; then 0.45 of the rate.
+/// The default cutoffs. They begin at 0.1 Hz and have the steps 1, 2 and 5 in each decade. The last one is 0.45 of the
+/// rate.
 pub fn default_cutoffs_hz(rate_hz: f64) -> Vec<f64> {
     let highest = 0.45 * rate_hz;
     let decades = (-1..6).map(|exponent| 10f64.powi(exponent));

@@ -5,29 +5,30 @@ use filter_forms::Filter;
 
 use super::{Bench, larger, reference::Reference};
 
-/// Speed of the ramp, counts per sample. The number is no simple fraction, as for the speed of a hand.
+/// Speed of the ramp, in counts per sample. The number is no simple fraction, because the speed of a hand is none
+/// either.
 pub const RAMP_COUNTS: f64 = 0.123_606_797_749_978_97;
-/// Smallest number of samples. `PERIODS` is the smallest number of periods of the cutoff.
+/// A measurement has at least this number of samples, and at least `PERIODS` periods of the cutoff.
 const SAMPLES_MIN: u32 = 100_000;
 const PERIODS: f64 = 8.0;
 
 /// Motions for one cutoff, each with the output of the exact filter. All variants use the same motions.
 #[derive(Clone, Debug)]
 pub struct Motions {
-    /// Count differences, and exact outputs in counts per sample.
+    /// The differences of the count, and the exact filter's outputs in counts per sample.
     rest: (Vec<i8>, Vec<f64>),
     ramp: (Vec<i8>, Vec<f64>),
-    /// RMS in the exact output, counts per sample. At rest, the flicker of the encoder's count causes this RMS. In
-    /// motion, the steps of the count cause this RMS.
+    /// RMS that the encoder causes in the exact output, in counts per sample. At rest it comes from the flicker of the
+    /// count, in motion from the steps of the count.
     pub encoder: Noise,
 }
 
-/// RMS at rest and in motion, counts per sample.
+/// RMS of a noise at rest and in motion, in counts per sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// RMS with a flickering count.
+    /// RMS while the count flickers between two values.
     pub at_rest: f64,
-    /// RMS with a ramp of counts.
+    /// RMS while the count follows a ramp.
     pub in_motion: f64,
 }
 

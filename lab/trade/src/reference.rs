@@ -1,10 +1,11 @@
-//! Output of the exact filter: the state-variable form in double-double arithmetic, with 32 digits.
+//! Computes the output of the exact filter. It is the state-variable form in double-double arithmetic, which has 32
+//! digits.
 
 use filter_forms::Prototype;
 
 use crate::numerics::double::Double;
 
-/// The root near `start` of an equation, by Newton's method. `next` makes one step.
+/// Finds the root of an equation near `start` by Newton's method. `next` makes one step of the method.
 fn improved(start: f64, next: impl Fn(Double) -> Double) -> Double {
     (0..3).fold(start.into(), |value, _| next(value))
 }
@@ -29,7 +30,7 @@ impl Reference {
         Self { g, d, s: [0.0.into(); 2] }
     }
 
-    /// The output for an input in counts per sample.
+    /// Advances the filter by one sample. Input and output are in counts per sample.
     #[inline]
     pub fn step(&mut self, x: f64) -> f64 {
         let [s1, s2] = self.s;
@@ -55,7 +56,7 @@ mod tests {
         assert!((sum - 1.0).abs() < 1e-15, "{sum}");
     }
 
-    /// Far below the cutoff `f64` loses digits, but the reference does not: after a step, its output ends at 1.
+    /// Far below the cutoff `f64` loses digits, but the reference does not. After a step, its output ends at 1.
     #[test]
     fn at_the_lowest_cutoff_a_step_ends_at_1() {
         let mut reference = Reference::new(0.1, 1e4);

@@ -7,14 +7,13 @@ use nalgebra::Complex;
 
 use super::{Bench, LSB_PER_COUNT, larger, tone::Tone};
 
-/// Measured frequencies, in units of the -3 dB frequency.
+/// The measured frequencies, as multiples of the -3 dB frequency.
 pub const PLACES: [f64; 6] = [0.25, 0.5, 0.7, 1.0, 1.4, 2.0];
-/// Highest measured frequency, as a share of the rate.
+/// The highest measured frequency, as a share of the sample rate.
 pub const HIGHEST: f64 = 0.45;
-/// Periods of the cutoff after which the transient of the exact filter is below 10^-15.
+/// After this number of periods of the cutoff, the transient of the exact filter is below 10^-15.
 pub const SETTLE_PERIODS: f64 = 8.0;
-/// Largest relative error of the gain 0.707 at the frequency that was found. If the error is larger, the search has no
-/// result.
+/// The search for the -3 dB frequency needs a gain of 0.707 within this relative error. Otherwise it has no result.
 const FOUND: f64 = 1e-3;
 
 /// The exact response at a frequency in cycles per sample.
@@ -34,7 +33,7 @@ pub struct Tones {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Response {
-    /// Largest `abs(H - H_exact)`.
+    /// Largest `abs(H - H_exact)` over the measured frequencies.
     pub error: f64,
     /// Relative error of the -3 dB frequency. `None` if no gain is near 0.707.
     pub cutoff_error: Option<f64>,

@@ -5,16 +5,16 @@ use filter_forms::Filter;
 
 use super::{Bench, LSB_PER_COUNT, larger};
 
-/// Periods of the cutoff after which the exact output is below 10^-38 of its value at the stop.
+/// After this number of periods of the cutoff, the exact output is below 10^-38 of its value at the stop.
 const PERIODS: f64 = 20.0;
-/// Smallest number of samples of the measurement after these periods. `WATCHED_PERIODS` is the smallest number of
-/// periods of this measurement.
+/// After these periods, the output is measured for at least this number of samples, and for at least `WATCHED_PERIODS`
+/// periods of the cutoff.
 const WATCHED: u32 = 5000;
 const WATCHED_PERIODS: f64 = 1.0;
 /// Smallest number of samples for which the handle moves at random.
 const MOVING: u32 = 1000;
 
-/// Largest output after the stop, counts per sample.
+/// Largest output after the stop, in counts per sample.
 pub fn measure(bench: &Bench, filter: &Filter, cutoff_hz: f64) -> f64 {
     let mut filter = *filter;
     let moving = bench.samples(2.0, cutoff_hz).max(MOVING);

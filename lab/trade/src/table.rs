@@ -8,8 +8,8 @@ use super::{
     plant::Plants,
 };
 
-/// Whether each point is on the Pareto front. On the front, no other point is better: smaller in one value, and smaller
-/// or equal in the second value.
+/// Whether each point is on the Pareto front. A point is on the front if no other point is better. A point is better if
+/// one of its values is smaller and the other is not larger.
 pub fn pareto(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     let beaten = |[x, y]: [f64; 2]| {
         points.iter().flatten().any(|&[u, v]| u <= x && v <= y && (u < x || v < y))
@@ -17,8 +17,8 @@ pub fn pareto(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     points.iter().map(|point| point.is_some_and(|point| !beaten(point))).collect()
 }
 
-/// Cost and error of each filter at one cutoff: cycles, and RMS error of the velocity in motion, m/s. `None` for a
-/// refused filter.
+/// Cost and error of each filter at one cutoff. The cost is in cycles. The error is the RMS error of the velocity in
+/// motion, in m/s. `None` for a refused filter.
 pub fn filter_points(filters: &Filters, cutoff: usize, bench: &Bench) -> Vec<Option<[f64; 2]>> {
     let rows = filters.rows.iter().filter(|row| row.cutoff == cutoff);
     let point = |row: &FilterRow| {
@@ -28,7 +28,8 @@ pub fn filter_points(filters: &Filters, cutoff: usize, bench: &Bench) -> Vec<Opt
     rows.map(point).collect()
 }
 
-/// Cost and error of each method: operations per simulated second, and error of the trajectory, m.
+/// Cost and error of each method. The cost is in operations per simulated second. The error is that of the trajectory,
+/// in m.
 pub fn plant_points(plants: &Plants) -> Vec<Option<[f64; 2]>> {
     let point = |row: &super::plant::PlantRow| {
         row.measured.as_ref().ok().map(|m| [m.operations_per_s, m.trajectory_m])
@@ -127,7 +128,7 @@ pub fn plant_csv(plants: &Plants) -> String {
 #[derive(Clone, Debug, PartialEq)]
 pub struct GoodFor {
     pub variant: Variant,
-    /// First and last cutoff of the longest run of tried cutoffs at which the variant would do, Hz.
+    /// The longest run of neighbouring cutoffs at which the variant is good enough: its first and last cutoff, in Hz.
     pub cutoffs_hz: Option<[f64; 2]>,
     /// Criteria that the variant exceeds at the next lower and the next higher cutoff. Empty if there is no such
     /// cutoff, or if the variant is refused there.

@@ -1,5 +1,5 @@
-//! Sines with a whole number of periods in a whole number of samples. The response is a sum over this window. So there
-//! is no spectral leakage.
+//! Sines with a whole number of periods in a whole number of samples. The response is computed as a sum over exactly
+//! these samples. So there is no spectral leakage.
 
 use std::f64::consts::PI;
 
@@ -15,15 +15,15 @@ pub struct Tone {
     input: Vec<i32>,
     /// Cosine and sine at each sample of the window.
     phasor: Vec<Complex<f64>>,
-    /// Sum of the rounded input times the phasor, over the window.
+    /// The sum of each rounded input times its phasor over the window.
     spectrum: Complex<f64>,
 }
 
-/// Shortest window of a tone, samples.
+/// Shortest window of a tone, in samples.
 const WINDOW_MIN: f64 = 4096.0;
 
 impl Tone {
-    /// The tone nearest to `frequency`, cycles per sample. `amplitude` is in LSB.
+    /// The tone nearest to `frequency`, in cycles per sample. `amplitude` is in LSB.
     pub fn near(frequency: f64, amplitude: f64) -> Self {
         let cycles = (WINDOW_MIN * frequency).ceil().max(1.0);
         let length = (cycles / frequency).round();
@@ -46,7 +46,7 @@ impl Tone {
         self.window
     }
 
-    /// The input at a sample, LSB.
+    /// The input at a sample, in LSB.
     #[inline]
     pub fn input(&self, n: u32) -> i32 {
         self.input[(n % self.window) as usize]
@@ -58,7 +58,7 @@ impl Tone {
         self.phasor[(n % self.window) as usize]
     }
 
-    /// The response. `sum` is the sum of the outputs times the phasor over a window, LSB.
+    /// The filter's response. `sum` is the sum of each output times its phasor over a window, in LSB.
     pub fn response(&self, sum: Complex<f64>) -> Complex<f64> {
         sum / self.spectrum
     }

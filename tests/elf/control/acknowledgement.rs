@@ -9,8 +9,8 @@ use crate::firmware::{Firmware, ok};
 
 each_board!(nothing_changes_without_an_acknowledgement, disarm_is_answered_with_the_force_off);
 
-/// The amplifier is off at the end of the sample in which the reply to `disarm` comes. Tested at rest, in a hit, when
-/// the amplifier is off already, and after an earlier fault.
+/// The amplifier is off at the end of the sample in which the reply to `disarm` comes. This is tested at rest, in a
+/// hit, with the amplifier already off, and after an earlier fault.
 fn disarm_is_answered_with_the_force_off(board: Board) {
     let firmware = Firmware::of(board);
     for (case, phase) in [(0, 1), (1, 4), (2, 6), (3, 9)] {

@@ -22,7 +22,8 @@ each_board!(
 /// Largest number of cycles of the sampling task, from exception entry to return. Before the estimator's state had a
 /// checksum, which takes 15 cycles in a quiet sample, the task took 261 cycles.
 const SAMPLE_CYCLES: u64 = 295;
-/// Largest number of cycles of `Sampler::sample` in the sampling task: encoder, velocity, and the next due sample.
+/// Largest number of cycles of `Sampler::sample` in the sampling task. It reads the encoder, computes the velocity, and
+/// decides whether the sample has an output.
 const CORE_CYCLES: u64 = 120;
 
 fn tasks_and_memory_stay_in_their_budget(board: Board) {
@@ -83,8 +84,8 @@ fn hold_outputs_up(world: &mut World<'_>, samples: u64) {
     assert!(ok(world, "status").contains("fault 20"));
 }
 
-/// Zero, disarm, faults at every phase of the output period, and the commands that clear these faults: no sample takes
-/// longer than its limit. The maxima of the session do not include these events.
+/// No sample takes longer than its limit. The test uses `zero`, `disarm`, faults at every phase of the output period,
+/// and the commands that clear these faults. The maxima of the session do not include these events.
 fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();

@@ -31,7 +31,7 @@ impl Random {
     }
 }
 
-/// Step from one usage to the next; a prime number, so that all usages are reached.
+/// Step from one usage to the next. It is a prime number, so that all usages are reached.
 const STEP: usize = 17;
 const NUMBERS: [&str; 22] = [
     "0", "1", "-1", "2", "0.1", "0.5", "0.001", "0.005", "0.02", "-0.01", "5", "5.9", "30", "300",
@@ -40,7 +40,7 @@ const NUMBERS: [&str; 22] = [
 const NAMES: [&str; 6] =
     ["butterworth", "butterworth-prewarped", "first-order", "difference", "kalman-3", "nonsense"];
 
-/// A command with values for its usage, allowed or not.
+/// Makes a command from its usage. Its values may be allowed or not.
 fn command(random: &mut Random, usage: &str) -> String {
     let Some((name, what)) = usage.split_once(' ') else { return usage.to_owned() };
     let word = match what {

@@ -15,11 +15,12 @@ use crate::{
 
 each_board!(the_sampling_task_enters_no_critical_section, nothing_delays_the_samples);
 
-/// Largest difference of two delays, cycles. The difference comes from the longest instructions, which cannot be
-/// interrupted.
+/// Largest allowed difference between the delays of two samples, in cycles. The difference comes from the longest
+/// instructions, which cannot be interrupted.
 const SPREAD: u64 = 64;
 
-/// Longest time for which the logger masks `render` and `brown_out`, us, including a sample during the mask.
+/// Longest time for which the logger masks `render` and `brown_out`, in us. It includes a sample that is taken during
+/// the mask.
 const MASK_US: f64 = 60.0;
 
 /// Fails if something delays the samples. The error names the cause.
@@ -55,8 +56,8 @@ fn nothing_delays_the_samples(board: Board) {
     assert!(session.lines > 500, "{}", session.lines);
 }
 
-/// The same firmware with the masks of a critical section of `cortex-m`: where BASEPRI was raised, all interrupts are
-/// disabled; where BASEPRI was restored, all interrupts are enabled.
+/// Changes the firmware as if its logger used a critical section of `cortex-m`. Where BASEPRI was raised, all
+/// interrupts are now disabled. Where BASEPRI was restored, all interrupts are enabled.
 fn with_critical_sections(firmware: &Firmware) -> Elf {
     const MSR: u16 = 0xF380;
     let mut elf = firmware.elf.clone();
@@ -81,8 +82,8 @@ fn with_critical_sections(firmware: &Firmware) -> Elf {
     elf
 }
 
-/// With a critical section in the logger, as in `rtt-target` and `defmt-rtt`, the test must find the delays: by their
-/// spread alone, and by the mask.
+/// With a critical section in the logger, as in `rtt-target` and `defmt-rtt`, the test must find the delays. The spread
+/// alone must show them, and so must the mask.
 #[test]
 #[ignore = "the control of the test above: CI runs it"]
 fn a_logger_with_a_critical_section_would_be_noticed() {

@@ -10,11 +10,11 @@ use crate::{
 
 each_board!(commands_reach_their_register_within_the_latency_that_the_simulator_is_given);
 
-/// Settling time of the DAC by its data sheet, s. This time is the last part of the latency, after the write of the
+/// Settling time of the DAC by its data sheet, in s. This time is the last part of the latency, after the write of the
 /// register.
 const DAC_SETTLES_S: f64 = 3e-6;
 
-/// Time after a sample at which the PWM takes over a command, s (`LEAD_CYCLES` of the board). A command that comes
+/// Time after a sample at which the PWM takes over a command, in s (`LEAD_CYCLES` of the board). A command that comes
 /// after this time acts 25 us later.
 const TAKEN_OVER_S: f64 = 14e-6;
 

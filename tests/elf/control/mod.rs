@@ -1,6 +1,7 @@
-//! The release ELF under load, in a session that is run once. The telemetry equals what the core computes on the host,
-//! bit for bit. The delay of samples, interrupt masks, cycles and memory are within limits. Further tests: the time
-//! limits of faults in any sample, commands in any order, the latency of commands, and a host that does not read.
+//! Tests the release ELF under load, in a session that is run once. The telemetry must equal what the core computes on
+//! the host, bit for bit. The delay of samples, interrupt masks, cycles and memory must be within limits. Further tests
+//! cover the time limits of faults in any sample, commands in any order, the latency of commands, and a host that does
+//! not read.
 
 mod acknowledgement;
 mod budget;
@@ -28,7 +29,7 @@ const SAMPLES: u64 = 50_000;
 struct Session {
     counts: Vec<u32>,
     records: Vec<Record>,
-    /// Settings in the order in which the firmware used them.
+    /// All settings that the firmware has used, in this order.
     controls: Vec<LoopParameters>,
     lines: usize,
     watch: Watch,

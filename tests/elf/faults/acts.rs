@@ -1,5 +1,6 @@
-//! Hardware that does not do what the program commands: a DAC with a wrong output, converters that stop, an amplifier
-//! with a constant force while the handle does not move. Without a defect there is no false alarm at any force.
+//! Tests hardware that does not do what the program commands: a DAC with a wrong output, converters that stop, an
+//! amplifier with a constant force while the handle does not move. Without a defect there is no false alarm at any
+//! force.
 
 use host_sim::scene::{MotorTable, NamedScene, Scene};
 use virtual_board::{
@@ -19,7 +20,7 @@ each_board!(
     a_force_that_hums_from_end_to_end_is_no_false_alarm
 );
 
-/// Current signal as a fraction of the supply, without current and at full command.
+/// Current signal as a fraction of the supply. The first value is without current, the second at full command.
 const SENSE: [Option<f64>; 2] = [Some(0.5), Some(0.2)];
 
 /// The image for a device with this current signal, or without a current signal.
@@ -35,7 +36,7 @@ fn saying(board: Board, [current_sense_rest, current_sense_full]: [Option<f64>; 
     Firmware { elf, scene, ..plain }
 }
 
-/// Time until enable is inactive, ms; `None` if the time is longer than 0.1 s.
+/// Runs until enable is inactive and returns the time in ms. Returns `None` if it takes longer than 0.1 s.
 fn off_ms(world: &mut World<'_>) -> Option<f64> {
     let begun = world.powered.mcu.now();
     world.run(1000).unwrap();

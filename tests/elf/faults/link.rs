@@ -1,5 +1,5 @@
-//! Damage of RTT's control block, of the end of the stack, of clock and chip. The program must not write to a wrong
-//! address. A program that waits must report why.
+//! Damages RTT's control block, the end of the stack, the clock and the chip. The program must not write to a wrong
+//! address. If the program waits, it must report the reason.
 
 use virtual_board::{
     board::{BOARDS, Board, Powered},

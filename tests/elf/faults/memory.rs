@@ -1,5 +1,5 @@
-//! Bits that flip in the memory of `render`, and in the data that `render` gives to `sample`. Data that decides a force
-//! is stored twice.
+//! Flips bits in the memory of `render`, and in the data that `render` gives to `sample`. Data that decides a force is
+//! stored twice.
 
 use virtual_board::{
     board::Board,
@@ -16,7 +16,7 @@ each_board!(
     a_number_that_decides_a_force_is_kept_twice, ignored: "half a minute; CI runs it"
 );
 
-/// Longest time until enable is inactive, s.
+/// Longest time until enable is inactive, in s.
 const OFF_S: f64 = 3e-3;
 
 /// Address and size of the static whose name contains `name`.
@@ -38,7 +38,7 @@ fn words(world: &World<'_>, place: (u32, u32), value: i32) -> Vec<u32> {
     words.filter(|(word, _)| **word == value.to_le_bytes()).map(|(_, at)| at).collect()
 }
 
-/// Bytes that are 0 in each of `without` and 1 in each of `with`.
+/// Addresses of the bytes that are 0 in each memory of `without` and 1 in each memory of `with`.
 fn flags(place: (u32, u32), without: &[Vec<u8>], with: &[Vec<u8>]) -> Vec<u32> {
     let is = |all: &[Vec<u8>], at: usize, value| all.iter().all(|bytes| bytes[at] == value);
     (0..place.1 as usize)

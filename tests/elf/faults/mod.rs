@@ -1,6 +1,6 @@
-//! Faults that must switch the force off, on the unmodified release ELF. The tests check the latched fault, the stored
-//! data, and the time until enable is inactive and the output code is that of zero force. Only `clear` and `arm` bring
-//! the force back. docs/lab/campaigns.md has the table, and how each fault is caused.
+//! Causes faults that must switch the force off, on the unmodified release ELF. The tests check the latched fault and
+//! the stored data. They also check the time until enable is inactive and the output code is that of zero force. Only
+//! `clear` and `arm` bring the force back. docs/lab/campaigns.md has the table, and how each fault is caused.
 //!
 //! `cargo test --test elf -- --ignored --nocapture campaign` prints the whole table.
 
@@ -121,7 +121,7 @@ fn flood(firmware: &Firmware, samples: u64) -> Row {
     }
 }
 
-/// Number of tried cases of damage. All cases must end as expected.
+/// Damages stored data in many ways, which must all end as expected. Returns the number of cases.
 fn cases(firmware: &Firmware, damage: impl Fn(&mut World<'_>) -> Result<usize, Failed>) -> usize {
     damage(&mut firmware.boot()).unwrap()
 }

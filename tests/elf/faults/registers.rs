@@ -20,7 +20,7 @@ const TIM8: u32 = 0x4001_0400;
 const DMA2: u32 = 0x4002_6400;
 const TIM5: u32 = 0x4000_0C00;
 
-/// Longest time until enable is inactive, s.
+/// Longest time until enable is inactive, in s.
 const OFF_S: f64 = 3e-3;
 
 /// An armed board whose handle is pressed into the wall, in the middle between two outputs.
@@ -82,7 +82,8 @@ fn a_register_that_changes_takes_the_force_away_within_3_ms(board: Board) {
     assert!(world.powered.amplifier.is_enabled());
 }
 
-/// Registers of the output watchdog and of enable: TIM8, DMA2's first flags and its stream 1, TIM1.
+/// Registers of the output watchdog and of enable. They belong to TIM8, to DMA2 (its first flags and stream 1) and to
+/// TIM1.
 const CHAIN: [(u32, &[u32]); 3] = [
     (TIM8, &[0x00, 0x04, 0x08, 0x0C, 0x10, 0x24, 0x28, 0x2C, 0x30]),
     (DMA2, &[0x00, 0x28, 0x2C, 0x30, 0x34, 0x3C]),
@@ -95,15 +96,15 @@ const CHAIN: [(u32, &[u32]); 3] = [
     ),
 ];
 
-/// Time from `begun` until enable is inactive, s; `None` while it is active.
+/// Time from `begun` until enable became inactive, in s. `None` if it is still active.
 fn off_after(world: &World<'_>, begun: u64) -> Option<f64> {
     let off = world.powered.amplifier.changes().disabled_at.filter(|&at| at >= begun)?;
     let is_off = !world.powered.amplifier.is_enabled();
     is_off.then(|| (off - begun) as f64 / world.powered.board.chip.core_hz as f64)
 }
 
-/// Checks that enable is off within `limit_s`, s, after the core has stopped. This limit is the timeout of the output
-/// watchdog.
+/// Checks that enable is off within `limit_s`, in s, after the core has stopped. This limit is the timeout of the
+/// output watchdog.
 fn dead_core_is_off_within(world: &mut World<'_>, limit_s: f64, what: &str) {
     let begun = world.powered.mcu.now();
     world.powered.mcu.set_registers(|registers| registers.primask = true);

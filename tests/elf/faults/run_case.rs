@@ -16,15 +16,15 @@ pub enum Depth {
 }
 
 pub struct CaseResult {
-    /// Time until enable was inactive, us.
+    /// Time until enable was inactive, in us.
     pub off_us: f64,
-    /// Time until the output code is that of zero force, us.
+    /// Time until the output code is that of zero force, in us.
     pub zero_us: f64,
     pub kept: String,
 }
 
-/// A board, armed or not, as the fault case needs it. The handle is moved by 0.1 mm first, so that the position differs
-/// from the counter's reading.
+/// Prepares a board that is armed or not, as the fault case needs it. The handle is moved by 0.1 mm first, so that the
+/// position differs from the counter's reading.
 pub fn prepare(firmware: &Firmware, before: Before, depth: Depth) -> Snapshot {
     let mut world = firmware.boot();
     let world = &mut world;

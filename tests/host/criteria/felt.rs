@@ -1,4 +1,4 @@
-//! The coarsest encoder for a wall whose hum the median person does not feel.
+//! Finds the coarsest encoder with which the median person does not feel a wall hum.
 
 use host_sim::study::loops::boards;
 
@@ -7,11 +7,12 @@ use crate::figure::figure;
 
 const STIFFNESS_N_PER_M: f64 = 20_000.0;
 const CUTOFFS_HZ: [f64; 9] = [70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 700.0, 1000.0, 2000.0];
-/// Number of resolutions per octave. `COARSEST_M` is the coarsest resolution, m.
+/// Number of tried resolutions per octave. `COARSEST_M` is the coarsest resolution, in m.
 const PER_OCTAVE: f64 = 4.0;
 const COARSEST_M: f64 = 16e-6;
 
-/// Cutoff and B of a wall with this stiffness that stays below 0 dB from four starts; `None` if there is no such wall.
+/// Searches a wall with the test's stiffness that stays below 0 dB from four starts. Returns its cutoff and its B, or
+/// `None` if there is no such wall.
 fn unfelt(scene: &Scene) -> Option<[f64; 2]> {
     let prepared = PreparedScene::new(scene).unwrap();
     let dampings = || (1..=30).map(|n| 10.0 * f64::from(n));
@@ -30,7 +31,7 @@ fn unfelt(scene: &Scene) -> Option<[f64; 2]> {
     walls.into_iter().find(is_stable)
 }
 
-/// `cargo test --release --test host criteria::felt -- --ignored --nocapture`: finds the coarsest encoder, in quarters
+/// `cargo test --release --test host criteria::felt -- --ignored --nocapture` finds the coarsest encoder, in quarters
 /// of an octave from 16 um down. With this encoder, 20,000 N/m must stay below 0 dB from four starts, at some cutoff
 /// and some B of 10 to 300 N s/m. The curve is shifted by -12, 0 and +12 dB. The motor pushes, in the loops of the
 /// paper and of the NUCLEO.

@@ -25,7 +25,7 @@ fn wall(scene: &Scene, [k, b]: [f64; 2]) -> WallHit {
     }
 }
 
-/// The report and the samples of a hit with the scene's own push.
+/// Runs a hit with the scene's own push, on a wall with the gains `of`. Returns the report and the samples.
 fn hit(scene: &Scene, of: [f64; 2]) -> (HitReport, Vec<Sample>) {
     let (prepared, mut samples) = (PreparedScene::new(scene).unwrap(), vec![]);
     let own = scene.wall_hit.push_n;
@@ -107,7 +107,7 @@ fn a_tapped_wall_that_still_gives_way_is_not_one_that_bounces() {
     }
 }
 
-/// A wall that throws the handle back is a contact.
+/// If the wall throws the handle back, this counts as a contact.
 #[test]
 fn a_handle_that_is_thrown_back_was_in_contact() {
     let mut scene = scene(Protocol::Taps);

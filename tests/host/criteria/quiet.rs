@@ -1,4 +1,4 @@
-//! Quiet walls compared with an independent program in `f64`, and the recommended cutoff for quiet walls.
+//! Compares quiet walls with an independent program in `f64`. Also tests the recommended cutoff for quiet walls.
 
 use std::sync::atomic::AtomicBool;
 
@@ -27,7 +27,7 @@ fn scene(name: &str, period: u32, [k, b]: [f64; 2]) -> NamedScene {
     named
 }
 
-/// Results of the independent program: cutoff, Hz; area, 10^6 N^2 s/m^2; largest K, kN/m.
+/// Results of the independent program: the cutoff in Hz, the area in 10^6 N^2 s/m^2, and the largest K in kN/m.
 type Row = (f64, f64, f64);
 
 const LOOPS: [(&str, u32, [f64; 2], [Row; 3]); 5] = [
@@ -102,7 +102,7 @@ fn the_recommended_cutoff_is_near_the_best_of_the_independent_program() {
     }
 }
 
-/// A light handle on soft walls rings. At one cutoff the walk continues. At a neighbouring cutoff the walk ends at its
+/// A light handle rings on soft walls. So at one cutoff the walk continues, but at a neighbouring cutoff it ends at its
 /// first wall.
 #[test]
 fn a_walk_that_breaks_off_hides_no_better_cutoff() {
@@ -159,7 +159,7 @@ fn the_area_of_a_walk_is_that_of_its_quiet_walls() {
     }
 }
 
-/// One push is not enough: a wall far above all others is stable at the scene's push, but not at a push that is 3 %
+/// One push is not enough. A wall far above all others is stable at the scene's push, but not at a push that is 3 %
 /// larger.
 #[test]
 fn a_wall_is_quiet_at_all_four_pushes_or_not_at_all() {
@@ -223,8 +223,8 @@ fn device(rng: &mut Xoshiro256PlusPlus) -> NamedScene {
     named
 }
 
-/// Area at the recommended cutoff as a fraction of the best area of a list of cutoffs in steps of 3 %, at other pushes.
-/// Returns also both cutoffs.
+/// Searches the best cutoff in steps of 3 %, with other pushes. Returns the area at the recommended cutoff as a
+/// fraction of the best area, and both cutoffs.
 fn share_of_the_best(scene: &NamedScene) -> Option<[f64; 3]> {
     let stop = AtomicBool::new(false);
     let how = How { engine: Engine::lanes(), numeric: Numeric::Fixed, stop: &stop };

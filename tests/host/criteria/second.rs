@@ -7,8 +7,8 @@ use host_sim::study::levers::{Between, Lever, levers};
 use super::*;
 use crate::figure::figure;
 
-/// State: position and speed of the device, position and speed of the handle behind the transmission, force of the
-/// amplifier, and the constant 1.
+/// Number of states. They are position and speed of the device, position and speed of the handle behind the
+/// transmission, force of the amplifier, and the constant 1.
 const STATES: usize = 6;
 type Matrix = [[f64; STATES]; STATES];
 type State = [f64; STATES];
@@ -64,9 +64,10 @@ fn rates(scene: &Scene, command_n: f64) -> Matrix {
     a
 }
 
-/// Matrices for one sample: the whole step, and the parts before and after the time at which a command acts.
+/// Matrices for one sample. They advance the whole step, and the parts before and after the time at which a command
+/// acts.
 struct Steps {
-    /// Step without a command, and the additional motion per newton.
+    /// For each part: the step without a command, and the additional motion per newton of a command.
     parts: [(Matrix, State); 3],
 }
 
@@ -92,7 +93,7 @@ impl Steps {
     }
 }
 
-/// The loop of a scene, its filter (`None`: the true velocity) and its limit.
+/// The loop of a scene, with its filter and its limit. Without a filter, the loop uses the true velocity.
 struct Loop<'a> {
     scene: &'a Scene,
     steps: Steps,
@@ -115,7 +116,7 @@ impl Loop<'_> {
         let mut state = [start_m, 0.0, start_m, 0.0, 0.0, 1.0];
         let (mut before, mut x, mut y) = ((start_m / resolution_m).floor(), [0.0; 2], [0.0; 2]);
         let late = scene.actuator.latency.floor() as usize;
-        // Commands by the sample in which they act.
+        // The waiting commands, sorted by the sample in which they begin to act.
         let mut coming = vec![None; late + 1];
         let mut acting_n = 0.0;
         let settle = (scene.wall_hit.settle_s * rate_hz).round() as usize;
@@ -230,8 +231,8 @@ impl Row<'_> {
     }
 }
 
-/// `cargo test --release --test host criteria::second -- --ignored --nocapture`: every loop of `sweep paper-1um
-/// --levers` at its ideal cutoff and with the true velocity. The motor pushes. The limits are 1 um and 15 um of the
+/// `cargo test --release --test host criteria::second -- --ignored --nocapture` runs every loop of `sweep paper-1um
+/// --levers`, at its ideal cutoff and with the true velocity. The motor pushes. The limits are 1 um and 15 um of the
 /// motion. Grids, starts and largest values are those of docs/data/levers-paper-1um.csv. Both programs use one start.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]

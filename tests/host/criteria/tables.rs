@@ -9,7 +9,8 @@ use zwidth::VelocitySettings;
 use super::*;
 use crate::figure::figure;
 
-/// Areas of one scene by limit, N^2 s/m^2, with four starts, the motor's push, and the RMS of the motion.
+/// Computes the areas of one scene for each limit, in N^2 s/m^2. The motor pushes from four starts, and the limits are
+/// for the RMS of the motion.
 fn table(
     name: &str,
     limits_: &[Limit],
@@ -64,7 +65,7 @@ fn hold_row(name: &str, results: &[LimitResult], limit: Limit, expected: &[f64])
     told
 }
 
-/// Number of cells that are outside in these rows.
+/// Number of cells that are outside the tolerance in these rows.
 fn beyond(table: &str, rows: &[[usize; 2]]) -> usize {
     let [cells, beyond] = [0, 1].map(|n| rows.iter().map(|row| row[n]).sum::<usize>());
     figure(&format!("host/criteria/{table}/cells"), cells);
@@ -72,9 +73,9 @@ fn beyond(table: &str, rows: &[[usize; 2]]) -> usize {
     beyond
 }
 
-/// `cargo test --release --test host criteria::tables::saturation -- --ignored --nocapture`: paper-2um, 700 Hz, K from
-/// 4000 in steps of 4000, B from 20 in steps of 20, for each protocol and each limit of the actuator. The expected
-/// values are from an independent program.
+/// `cargo test --release --test host criteria::tables::saturation -- --ignored --nocapture` runs paper-2um at 700 Hz,
+/// for each protocol and each limit of the actuator. K begins at 4000 with steps of 4000, and B at 20 with steps of 20.
+/// The expected values are from an independent program.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn saturation_decides_who_holds_more() {
@@ -97,8 +98,8 @@ fn saturation_decides_who_holds_more() {
     }
 }
 
-/// Areas of four starts, and of the twin in `f64`. With the hand's push the area changes by a tenth from start to
-/// start. So the area of an independent program must be between these areas, within 3 %.
+/// Computes the areas of four starts, and the area of the twin in `f64`. With the hand's push, the area differs by a
+/// tenth between starts. So the area of an independent program must lie between these areas, within 3 %.
 fn hold_starts(key: &str, scene: &Scene, cutoff_hz: f64, expected: f64) {
     let fixed =
         [0.0, 0.25, 0.5, 0.75].map(|start| area_of(scene, cutoff_hz, Numeric::Fixed, start));
@@ -115,9 +116,9 @@ fn hold_starts(key: &str, scene: &Scene, cutoff_hz: f64, expected: f64) {
     assert!(expected > 0.97 * low && expected < 1.03 * high, "{key}");
 }
 
-/// `cargo test --release --test host criteria::tables::by_hand -- --ignored --nocapture`: paper-1um, the hand pushes.
-/// The tunings are those that `compare` has found for the motor's push. The expected values are from an independent
-/// program.
+/// `cargo test --release --test host criteria::tables::by_hand -- --ignored --nocapture` runs paper-1um with the hand's
+/// push. The tunings are those that `compare` has found for the motor's push. The expected values are from an
+/// independent program.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn by_hand_another_estimator_is_best() {
@@ -144,11 +145,11 @@ fn by_hand_another_estimator_is_best() {
     }
 }
 
-/// `cargo test --release --test host criteria::tables::table_of_limits -- --ignored --nocapture`: the motor pushes, RMS
-/// of the motion, K from 500 in steps of 500, B from 5 in steps of 5. The expected values are from an independent
-/// program in `f64` with one start. Two cells of the 2 um encoder are outside the tolerance. At the limit of 5 um and
-/// 1500 Hz, the value is within the range of our twin. At the limit of 1 um and 500 Hz, the area falls with the 3.7th
-/// power of the cutoff.
+/// `cargo test --release --test host criteria::tables::table_of_limits -- --ignored --nocapture` runs this table. The
+/// motor pushes, and the limits are for the RMS of the motion. K begins at 500 with steps of 500, and B at 5 with steps
+/// of 5. The expected values are from an independent program in `f64` with one start. Two cells of the 2 um encoder are
+/// outside the tolerance. At the limit of 5 um and 1500 Hz, the value is within the range of our twin. At the limit of
+/// 1 um and 500 Hz, the area falls with the 3.7th power of the cutoff.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn table_of_limits() {
@@ -204,9 +205,9 @@ fn table_of_limits() {
     assert!(beyond("limits", &told) <= 2);
 }
 
-/// `cargo test --release --test host criteria::tables::table_of_levels -- --ignored --nocapture`: the motor pushes, K
-/// from 1000 in steps of 2000, B from 5 in steps of 10. The expected values are from an independent program in `f64`
-/// with one start.
+/// `cargo test --release --test host criteria::tables::table_of_levels -- --ignored --nocapture` runs this table. The
+/// motor pushes. K begins at 1000 with steps of 2000, and B at 5 with steps of 10. The expected values are from an
+/// independent program in `f64` with one start.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn table_of_levels() {
@@ -232,9 +233,9 @@ fn table_of_levels() {
     assert_eq!(beyond("levels", &told), 0);
 }
 
-/// `cargo test --release --test host criteria::tables::yardstick -- --ignored --nocapture`: the true velocity in place
-/// of an estimate. The motor pushes, RMS of the motion, K from 1000, B from 5 in steps of 5. For levels, B has steps of
-/// 10 and K steps of 2000.
+/// `cargo test --release --test host criteria::tables::yardstick -- --ignored --nocapture` uses the true velocity in
+/// place of an estimate. The motor pushes, and the limits are for the RMS of the motion. K begins at 1000, and B at 5
+/// with steps of 5. For levels, K has steps of 2000 and B steps of 10.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn yardstick() {

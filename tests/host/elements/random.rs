@@ -125,7 +125,7 @@ fn stay_finite(cases: u32) {
 }
 
 /// A random device is released at rest and left alone. No part may ever have more energy than the whole device had at
-/// first. The test checks the handle's distance from its spring's rest position.
+/// first. The test checks this by the handle's distance from its spring's rest position.
 #[test]
 fn a_handle_that_is_let_go_gets_no_energy_from_nowhere() {
     gets_no_energy(20);
@@ -173,10 +173,10 @@ fn gets_no_energy(cases: u32) {
     assert!(ran_cell.get() > cases * 4 / 15);
 }
 
-/// Largest relative gain of energy by an integrator with the steps that random devices have.
+/// An integrator may increase the energy by this fraction at most, with the steps that random devices have.
 const GAIN_MAX: f64 = 1e-3;
 
-/// The integrator with the smallest number of steps that a scene may have.
+/// The integrator with the smallest number of steps that this scene allows. `of` makes an integrator from the number.
 fn fewest(scene: &Scene, of: fn(u32) -> Integrator) -> Option<Integrator> {
     let demand = scene.chain().step_demand(&scene.nonlinear());
     let allowed = |steps: u32| of(steps).check(&demand, 1e-4).is_ok();

@@ -1,4 +1,4 @@
-//! Commands compared with other commands: `walk` with the walls of `grid`, `grid` with `hit`, and `sweep` with `walk`.
+//! Compares commands with other commands: `walk` with the walls of `grid`, `grid` with `hit`, and `sweep` with `walk`.
 
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 
@@ -49,9 +49,9 @@ fn filter(scene: &Scene, dice: &mut Dice) -> VelocitySettings {
     scene.velocity.at(dice.decades(100.0, 1500.0))
 }
 
-/// The walk of theory.md over a table of verdicts. K rises to the first unstable wall. The last stable K is the
-/// boundary. Then B rises by a step. If the same K is stable there, K rises again. Otherwise K falls to the first
-/// stable value. The walk ends when no K is stable or B has its largest value.
+/// Walks as theory.md describes, with verdicts from the function `stable`. K rises to the first unstable wall. The last
+/// stable K is the boundary. Then B rises by a step. If the same K is stable there, K rises again. Otherwise K falls to
+/// the first stable value. The walk ends when no K is stable or B has its largest value.
 fn walked(
     scene: &Scene,
     mut stable: impl FnMut(i32, i32) -> bool,

@@ -1,4 +1,4 @@
-//! Delay, noise and roughness of `compare`, compared with a second implementation of the formulas.
+//! Compares delay, noise and roughness of `compare` with a second implementation of the formulas.
 
 use std::{
     f64::consts::{PI, TAU},
@@ -36,7 +36,7 @@ impl Filter {
         }
     }
 
-    /// The filter's impulse response to differences.
+    /// The filter's impulse response. Its input is the difference of the count.
     fn response(self, rate_hz: f64) -> Vec<f64> {
         match self {
             Self::Mean(n) => vec![1.0 / f64::from(n); n as usize],
@@ -130,7 +130,7 @@ fn rounding_and_units_of_the_encoder_change_no_figure_in_counts() {
     cases(3, |dice| {
         let mut scene = dice.scene();
         scene.encoder.rounding = Rounding::Floor;
-        // A speed of 100 counts per sample for any device.
+        // Every device reaches a speed of 100 counts per sample.
         scene.wall_hit.push_n = 0.0;
         (scene.actuator.gain_n_per_v, scene.device.mass_kg) = (1e4, 0.02);
         let settings = match dice.below(3) {
@@ -165,8 +165,8 @@ fn rounding_and_units_of_the_encoder_change_no_figure_in_counts() {
     });
 }
 
-/// RMS of a signal above 100 Hz. Removes the mean, applies a Hann window, and sums sines and cosines for each
-/// frequency.
+/// RMS of the part of a signal above 100 Hz. This function removes the mean, applies a Hann window, and sums sines and
+/// cosines for each frequency.
 fn rough(signal: &[f64], rate_hz: f64) -> f64 {
     let n = signal.len() as f64;
     let mean = signal.iter().sum::<f64>() / n;

@@ -31,9 +31,9 @@ pub fn cases(usual: u64, mut relation: impl FnMut(&mut Dice)) {
     }
 }
 
-/// Random numbers of one case.
+/// The random numbers of one test case.
 pub struct Dice {
-    /// Seed and case, for the message of a failure.
+    /// The seed and the number of the case, for the message of a failure.
     pub name: String,
     random: Xoshiro256PlusPlus,
 }
@@ -44,7 +44,7 @@ impl Dice {
         Self { name: format!("seed {seed}, case {case}"), random }
     }
 
-    /// Uniform from 0 to below 1.
+    /// A random number that is uniform from 0 to below 1.
     pub fn part(&mut self) -> f64 {
         self.random.random::<f64>()
     }
@@ -53,7 +53,7 @@ impl Dice {
         low + (high - low) * self.part()
     }
 
-    /// Uniform on a logarithmic scale.
+    /// A random number that is uniform on a logarithmic scale.
     pub fn decades(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.part())
     }

@@ -1,4 +1,5 @@
-//! Symmetries of `identify`: the same device from records that are in other units, reversed, shifted or repeated.
+//! Tests symmetries of `identify`. Records in other units, or that are reversed, shifted or repeated, must give the
+//! same device.
 
 use host_sim::{
     analysis::identify::{Drive, Estimate, Gain, Identification, Options, Record, Terms, identify},
@@ -63,8 +64,8 @@ fn estimates(found: &Identification) -> [Estimate; 4] {
     [found.mass_kg, found.damping_n_s_per_m, spring.stiffness_n_per_m, spring.rest_position_m]
 }
 
-/// Checks that each estimate of `other` is `times` the estimate of `one` plus `more`, within a fraction of the
-/// interval. The interval of `other` must be `times * width` as wide as the interval of `one`.
+/// Checks for each parameter that `other = times * one + more`, within a fraction of the interval. Here `one` and
+/// `other` are the two estimates. The width of the interval must become `times * width` times as large.
 #[track_caller]
 fn same(
     name: &str,

@@ -12,8 +12,9 @@ use zwidth::{units::Force, velocity::EstimatorName};
 
 use crate::dice::{cases, trace};
 
-/// Distance from the rest position, and speed, after `time_s` under a constant force. Both values follow from the power
-/// series of the equation of motion. The steps are so short that twenty terms are exact up to rounding.
+/// Moves the device for `time_s` under a constant force. Returns the distance from the rest position, and the speed.
+/// Both follow from the power series of the equation of motion. The steps are so short that twenty terms are exact up
+/// to rounding.
 fn moved(scene: &Scene, [mut x, mut v]: [f64; 2], force_n: f64, time_s: f64) -> [f64; 2] {
     let device = &scene.device;
     let steps = 4;
@@ -41,8 +42,8 @@ fn moved(scene: &Scene, [mut x, mut v]: [f64; 2], force_n: f64, time_s: f64) -> 
     [x, v]
 }
 
-/// Counts at every sample, and the force on the handle at the sample's end. In each sample the handle is moved by
-/// `nudge_m`, with alternating sign.
+/// Runs the loop. Returns the count at every sample, and the force on the handle at the end of the sample. In each
+/// sample the handle is also moved by `nudge_m`, with alternating sign.
 fn loop_of(scene: &Scene, hit: &WallHit, nudge_m: f64, samples: usize) -> Vec<(i32, f64)> {
     let resolution_m = scene.encoder.resolution_m;
     let (rate_hz, full_n) = (scene.control.rate_hz, scene.full_scale_n());

@@ -1,5 +1,5 @@
-//! The linear boundary compared with a second implementation: the loop as one matrix, built and multiplied in this
-//! file. The test checks whether the handle's motion grows or decays.
+//! Compares the linear boundary with a second implementation. This file builds the loop as one matrix and multiplies
+//! it. The test checks whether the handle's motion grows or decays.
 
 use host_sim::{
     analysis::linear::{Boundary, Device, Elements, Loop, TransferFunction},
@@ -9,7 +9,8 @@ use host_sim::{
 
 use crate::dice::{Dice, cases};
 
-/// Numbers of 32 digits: with little damping, motion grows or decays by only a part in 10^15 per period.
+/// The numbers have 32 digits, because with little damping the motion grows or decays by only a part in 10^15 per
+/// period.
 type Matrix = Vec<Vec<Double>>;
 
 fn number(x: f64) -> Double {
@@ -45,7 +46,7 @@ fn entries(of: &Matrix) -> impl Iterator<Item = f64> {
     of.iter().flatten().map(|x| f64::from(*x).abs())
 }
 
-/// exp(A t): the series for the time divided by 2^squarings. The result is then squared `squarings` times.
+/// Computes `exp(A t)`. The series is summed for `t / 2^squarings`. The result is then squared `squarings` times.
 fn exponential(a: &Matrix, t: f64) -> Matrix {
     let n = a.len();
     let norm = entries(a).fold(0.0, f64::max) * n as f64 * t;
@@ -137,8 +138,8 @@ fn plant(of: &Loop) -> Matrix {
         .collect()
 }
 
-/// The loop over one output period. The state has the plant with the acting command; the estimator's past positions and
-/// velocities, newest first; the commands that do not act yet, oldest first.
+/// The loop over one output period. The state has three parts: the plant with the acting command, then the estimator's
+/// past positions and velocities with the newest first, then the commands that do not act yet with the oldest first.
 fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let a = plant(of);
     let plant_states = a.len();

@@ -1,5 +1,5 @@
-//! Forces, lengths and times in other units, larger by a power of two. The counts are the same. All other values are
-//! larger by exactly this factor, bit for bit.
+//! Runs scenes whose forces, lengths and times are larger by a power of two. The counts must stay the same. All other
+//! values must be larger by exactly this factor, bit for bit.
 
 use host_sim::{
     scene::{Scene, element::Travel},
@@ -9,7 +9,7 @@ use zwidth::VelocitySettings;
 
 use crate::dice::{Dice, cases, trace};
 
-/// Factor for the values of each dimension.
+/// The factors by which forces, lengths and times become larger.
 #[derive(Clone, Copy, Debug)]
 struct Larger {
     force: f64,

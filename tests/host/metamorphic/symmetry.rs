@@ -1,4 +1,4 @@
-//! Shifts, mirrors, neutral elements, and orders of the integrators.
+//! Tests shifted and mirrored scenes, neutral elements, and the orders of the integrators.
 
 use host_sim::{
     numerics::integrator::Integrator,
@@ -70,7 +70,7 @@ fn a_late_reading_is_of_the_way_to_the_next_sample() {
     });
 }
 
-/// The scene mirrored at 0: its plant, and the errors of its readings.
+/// The scene mirrored at position 0. Its plant is mirrored, and so are the errors of its readings.
 fn mirrored(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     scene.device.rest_position_m *= -1.0;
@@ -173,7 +173,7 @@ fn an_element_of_no_size_changes_no_bit() {
     });
 }
 
-/// Largest distance of two runs in the first samples, relative to the largest position.
+/// Largest distance between two runs in their first samples, relative to the largest position.
 fn apart(scene: &Scene, other: &Scene, hit: &WallHit) -> f64 {
     let [one, other] = [scene, other].map(|scene| trace(scene, hit, Numeric::F64));
     let largest = one.iter().map(|sample| sample.position_m.abs()).fold(0.0, f64::max);

@@ -102,17 +102,18 @@ pub fn tuned(name: EstimatorName, parts: Parts, design: &Design) -> Option<Veloc
 pub enum Piece {
     /// At rest for this number of samples.
     Hold(u16),
-    /// A constant speed, counts per sample, and the number of samples.
+    /// A motion at constant speed. The numbers are the speed in counts per sample, and the number of samples.
     Slope(f64, u16),
-    /// A constant acceleration, counts per sample^2, and the number of samples.
+    /// A motion with constant acceleration. The numbers are the acceleration in counts per sample^2, and the number of
+    /// samples.
     Curve(f64, u16),
-    /// Random motion to and fro: largest distance in counts, samples, seed.
+    /// A random motion to and fro. The numbers are the largest distance in counts, the number of samples, and the seed.
     Flicker(u16, u16, u64),
     /// A jump by this number of counts.
     Leap(i32),
 }
 
-/// Motions that a handle can make, with speeds up to `fastest` counts per sample.
+/// Draws motions that a handle can make, with speeds up to `fastest` counts per sample.
 pub fn motion(fastest: f64) -> impl Strategy<Value = Vec<Piece>> + Clone {
     let speed = move || {
         (part(), any::<bool>()).prop_map(move |(part, back)| {
@@ -134,7 +135,7 @@ pub fn motion(fastest: f64) -> impl Strategy<Value = Vec<Piece>> + Clone {
     )
 }
 
-/// Motions that no handle can make: jumps over the whole range of a counter.
+/// Draws motions that no handle can make. They jump over the whole range of a counter.
 pub fn nonsense() -> impl Strategy<Value = Vec<Piece>> + Clone {
     prop::collection::vec(
         prop_oneof![
@@ -178,17 +179,17 @@ pub fn places(pieces: &[Piece]) -> Vec<f64> {
     places
 }
 
-/// The counts of these positions.
+/// The count at each sample of this motion.
 pub fn counts(pieces: &[Piece]) -> Vec<i64> {
     places(pieces).into_iter().map(|place| place.floor() as i64).collect()
 }
 
-/// Random numbers for a case with a seed instead of a list.
+/// Random numbers for a test case that has a seed in place of a list of numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Random(pub u64);
 
 impl Random {
-    /// Any 64 bits (SplitMix64).
+    /// The next 64 random bits, by SplitMix64.
     pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
@@ -220,8 +221,8 @@ impl Random {
     }
 }
 
-/// Changes of some words that a CRC-32 always detects: of one word, or of up to three bits. A CRC-32 misses one in 2^32
-/// of all other changes.
+/// Draws changes of some words that a CRC-32 always detects. They change one word, or up to three bits. A CRC-32 misses
+/// one in 2^32 of all other changes.
 pub fn noticed(words: usize) -> impl Strategy<Value = Vec<(usize, u32)>> + Clone {
     prop_oneof![
         prop::collection::vec((0..words, 1u32..), 1),

@@ -1,4 +1,4 @@
-//! The records before a fault, and the fault's record in backup RAM.
+//! Properties of the records before a fault, and of the fault's record in backup RAM.
 
 use proptest::prelude::*;
 use zwidth::{

@@ -9,7 +9,7 @@ use zwidth::{
 
 use crate::any;
 
-/// An accepted calibration, with percent and rise at these fractions of their ranges.
+/// Settings of a calibration that are accepted. Percent, rise and hold are at these fractions of their ranges.
 fn settings(design: &Design, percent: f64, rise: f64, hold: f64) -> CalibrationSettings {
     CalibrationSettings {
         percent,
@@ -21,8 +21,8 @@ fn settings(design: &Design, percent: f64, rise: f64, hold: f64) -> CalibrationS
 
 crate::properties! {
     /// A calibration's force rises at most at its set rate and reaches each new force. The force never exceeds the
-    /// larger of the old and the new force. For the mirrored percent the force is mirrored. A calibration ends with
-    /// contact, with a move, when the handle was held, and after two minutes.
+    /// larger of the old and the new force. If the sign of the percent changes, so does the sign of the force. A
+    /// calibration ends with contact, with a move, when the handle was held, and after two minutes.
     bounded(150, (design, rise, hold, targets, moves) in (
         any::design(),
         any::part(),

@@ -66,7 +66,7 @@ fn keep_panics_quiet() {
     }));
 }
 
-/// Number of cases of each property so far, as a table.
+/// A table with the number of cases that were tried so far for each property.
 pub fn summary() -> String {
     let count = count();
     let mut text = String::new();
@@ -112,7 +112,7 @@ impl Campaign {
         count().of.values().all(|progress| !progress.failed)
     }
 
-    /// The property with the least time so far, and its next batch; `None` if all is done.
+    /// The property that had the least time so far, and the number of its next batch. `None` if all is done.
     fn next(&self, begun: Instant) -> Option<(&'static Property, u64)> {
         let mut count = count();
         let mut open = self.properties.iter().filter_map(|property| {

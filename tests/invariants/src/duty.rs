@@ -1,4 +1,4 @@
-//! The duty limit: a model of the motor's winding.
+//! Properties of the duty limit, which is a model of the motor's winding.
 
 use std::fmt;
 
@@ -11,7 +11,7 @@ use zwidth::{
 
 use crate::any;
 
-/// An accepted duty, the outputs of a hit, and the plan.
+/// The settings of a duty limit that are accepted, the number of outputs of a hit, and the plan.
 #[derive(Clone, Copy)]
 struct Motor {
     design: Design,
@@ -55,7 +55,7 @@ fn motor(longest: u32) -> impl Strategy<Value = Motor> {
     )
 }
 
-/// The winding: its heat by the differential equation, and by the board's model.
+/// A winding. Its heat is computed twice: by the differential equation, and by the board's model.
 struct Winding {
     heat: f64,
     duty: Duty,
@@ -74,8 +74,8 @@ impl Winding {
     }
 }
 
-/// Largest error from two roundings: of the exchange to 2^-32, and of an output's heat to 2^-40. The exchange itself
-/// reduces this error.
+/// Largest error of the heat. It comes from two roundings: the exchange is rounded to 2^-32, and the heat of an output
+/// to 2^-40. The exchange itself reduces this error.
 fn error_max(motor: &Motor) -> f64 {
     let lsb = 2f64.powi(-33);
     lsb / motor.exchange() + 2f64.powi(-41) / motor.exchange() + 1e-9

@@ -16,7 +16,7 @@ fn held(value: f64) -> f64 {
     f64::from(value as f32)
 }
 
-/// Points with rising B as a record stores them: in whole steps, or as rounded numbers.
+/// Draws points with rising B. As in a record, they are in whole steps or rounded.
 fn points() -> impl Strategy<Value = Vec<Point>> {
     let k = || (0u32..2000, prop::bool::weighted(0.5)).prop_map(|(k, whole)| {
         let k = f64::from(k);
@@ -66,7 +66,7 @@ fn allows(points: &[Point], k: f64, b: f64) -> Result<(), Outside> {
     Envelope::read(words).unwrap().allows(&KEY, k, b)
 }
 
-/// The limits in an error message, read from two texts of the error: for a program, and for the console.
+/// Reads the limits from the two texts of an error: the text for a program, and the text for the console.
 fn read(outside: &Outside) -> [[f64; 2]; 2] {
     let reply = Text::<REPLY_MAX>::of(Reply::Outside(*outside, &device(any::PAPER), KEY));
     [outside.to_string(), reply.as_str().to_owned()].map(|line| {
@@ -77,12 +77,12 @@ fn read(outside: &Outside) -> [[f64; 2]; 2] {
     })
 }
 
-/// One unit in the ninth digit.
+/// One unit in the ninth digit of the value.
 fn unit(value: f64) -> f64 {
     if value == 0.0 { 1e-300 } else { 10f64.powi(value.abs().log10().floor() as i32 - 8) }
 }
 
-/// B and K near a limit: on a point, next to a point, or anywhere.
+/// Chooses B and K on a point, next to a point, or anywhere.
 fn near(points: &[Point], place: usize, which: u8, part: f64) -> [f64; 2] {
     let point = points[place % points.len()];
     let k = match which % 4 {

@@ -1,4 +1,4 @@
-//! Every estimator of the table, with all accepted parameters on all accepted designs.
+//! Properties of every estimator of the table, with all accepted parameters on all accepted designs.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -85,7 +85,7 @@ fn mirrored(senses: &Senses) -> Senses {
     }
 }
 
-/// LSB by which the velocity of the mirrored motion may differ, because halves are rounded up.
+/// The velocity of a mirrored motion may differ by this number of LSB, because halves are rounded up.
 fn mirror_lsb(name: EstimatorName) -> i32 {
     use EstimatorName as N;
     match name {
@@ -94,7 +94,8 @@ fn mirror_lsb(name: EstimatorName) -> i32 {
     }
 }
 
-/// Largest difference between the summed velocities of 300 samples and the counts, at whole counts per sample, LSB.
+/// The speed is a whole number of counts per sample. Then the sum of 300 velocities may differ from the counts by this
+/// number of LSB.
 const SUM_LSB: f64 = 20.0;
 
 crate::properties! {
@@ -132,8 +133,8 @@ crate::properties! {
         }
     }
 
-    /// The mirrored motion gives the mirrored velocities: exactly, or within 2 LSB if the estimator rounds, or within a
-    /// larger limit if it may resonate.
+    /// The mirrored motion gives the mirrored velocities. They are exact, or within 2 LSB if the estimator rounds. If
+    /// it may resonate, the limit is larger.
     mirror(400, (tuned, pieces, seed) in (tuned(), any::motion(20_000.0), any::<u64>())) {
         let mut random = Random(seed);
         let (mut one, mut other) = (Run::at(&tuned, 0), Run::at(&tuned, 0));
@@ -157,7 +158,8 @@ crate::properties! {
         }
     }
 
-    /// Nothing overflows and every velocity is in range, with any counts and inputs, after new tunings and restarts.
+    /// Nothing overflows and every velocity is in range, for any counts and inputs, also after new tunings and
+    /// restarts.
     no_overflow(400, (each, pieces, seed) in (
         several(),
         prop::collection::vec(prop_oneof![any::nonsense(), any::motion(32_767.0)], 2..5),
@@ -221,8 +223,8 @@ crate::properties! {
         }
     }
 
-    /// The velocity of a linear estimator equals the velocity by its equations in f64, for any motion. Allowed are 3
-    /// LSB and the rounding of the coefficients.
+    /// The velocity of a linear estimator equals the velocity by its equations in f64, for any motion. The two may
+    /// differ by 3 LSB and by the effect of rounded coefficients.
     linear(200, (tuned, pieces, seed) in (tuned(), any::motion(300.0), any::<u64>())) {
         let says = stated(&tuned.settings, &tuned.design);
         let mut random = Random(seed);
@@ -244,8 +246,8 @@ crate::properties! {
         }
     }
 
-    /// With ideal edge times, the velocity of time stamps is a mean of the true velocity, even around a reversal. In
-    /// either direction the velocity never exceeds the handle's largest speed, except for the rounding of the times.
+    /// If edge times are ideal, the velocity of `time-stamps` is a mean of the true velocity, even around a reversal.
+    /// In either direction the velocity never exceeds the handle's largest speed, except for the rounding of the times.
     true_edges(200, (span, phase, pieces) in (
         1u32..=62,
         0.0..1.0f64,

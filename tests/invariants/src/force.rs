@@ -1,4 +1,4 @@
-//! The force of supervisor, wall, gain fade, ramp and output together.
+//! Properties of the force that supervisor, wall, gain fade, ramp and output give together.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -28,15 +28,16 @@ fn design() -> impl Strategy<Value = Design> + Clone {
 enum Event {
     /// The handle stays for this number of outputs.
     Wait(u8),
-    /// The handle moves by a number of counts per output, for a number of outputs.
+    /// The handle moves. The first number is the counts per output, the second the number of outputs.
     Move(i32, u8),
-    /// K and B as fractions of their ranges, the surface in counts from the handle, and whether the wall only pushes.
+    /// A new wall: K and B as fractions of their ranges, the distance from the handle to the surface in counts, and
+    /// whether the wall only pushes.
     Wall(f64, f64, Option<i32>, bool),
-    /// The same wall with K and B at these fractions.
+    /// The wall stays, but K and B change to these fractions of their ranges.
     Gains(f64, f64),
-    /// The experiment's push, LSB of the force.
+    /// The push of the experiment, in LSB of the force.
     Push(i32),
-    /// Another estimator: its index in the list, and its parameters.
+    /// Another estimator, by its index in the list and its parameters.
     Estimator(usize, any::Parts),
     Ask(Request),
     Inputs(Inputs),
@@ -103,7 +104,8 @@ impl Bench {
         bench
     }
 
-    /// K and B at these fractions: from full scale in 10^4 counts to full scale in one count.
+    /// K and B at these fractions of their ranges. A range goes from full scale in 10^4 counts to full scale in one
+    /// count.
     fn gains(&self, k: f64, b: f64) -> [f64; 2] {
         let design = &self.rig.design;
         let unit = design.full_scale_n / design.resolution_m;
@@ -121,7 +123,7 @@ impl Bench {
     }
 
     /// Carries out an event. Returns the number of outputs that follow, and the handle's motion before each of these
-    /// outputs, counts.
+    /// outputs, in counts.
     fn happen(&mut self, event: Event) -> (u8, i32) {
         match event {
             Event::Wait(outputs) => return (outputs, 0),
@@ -158,7 +160,8 @@ impl Bench {
     }
 }
 
-/// The code of a force by the documentation: nearest to its fraction of full scale, halves away from zero.
+/// The code of a force as the documentation gives it. The code is nearest to the force's fraction of full scale, and
+/// halves are rounded away from zero.
 fn code(output: Output, force: Force) -> i64 {
     let (zero, full) = match output {
         Output::Continuous => return force.bits().into(),
@@ -191,8 +194,9 @@ fn check(bench: &Bench, rendered: &Rendered) {
 }
 
 crate::properties! {
-    /// With any changes, requests, motions and inputs, the force is within full scale and its code is the nearest one.
-    /// While the supervisor is off, the force is 0 with the code of 0. In the sign test the force is within 5 %.
+    /// After any changes, requests, motions and inputs, the force is within full scale and its code is the nearest one.
+    /// While the supervisor is off, the force is 0 and has the code of 0. In the sign test the force is at most 5 % of
+    /// full scale.
     within_full_scale(150, (design, push_only, events) in (
         design(),
         any::<bool>(),

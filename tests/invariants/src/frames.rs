@@ -58,7 +58,7 @@ fn crc(bytes: &[u8]) -> u32 {
     !crc
 }
 
-/// Bytes of a frame by the table of docs/telemetry.md.
+/// The bytes of a frame, written as the table of docs/telemetry.md says.
 fn bytes(frame: &Frame) -> Vec<u8> {
     let record = &frame.record;
     let mut bytes = vec![0x5A, 0x57, 1, record.fault];
@@ -121,7 +121,7 @@ impl Port for Listener {
 
 static DEVICE: LazyLock<Device<'static>> = LazyLock::new(|| limits::device(any::PAPER));
 
-/// A report of this output only.
+/// A report that has only this output.
 fn report(record: Record) -> Report {
     let status = Status {
         state: State::Off,
@@ -195,8 +195,8 @@ crate::properties! {
         assert_eq!(found, sent);
         assert_eq!((decoder.frames, decoder.garbage, decoder.dropped), (sent.len() as u64, garbage, dropped));
     }
-    /// At every output period, the decoder returns the outputs of the stream unchanged, with the settings and the fault
-    /// of each. At the end, less than a millisecond of data still waits.
+    /// At every output period, the decoder returns the outputs of the stream unchanged, each with its settings and its
+    /// fault. At the end, less than a millisecond of data still waits.
     streamed(100, (period, first, parts) in (
         prop::sample::select(vec![1u32, 2, 5, 10]),
         any::<u32>(),

@@ -14,8 +14,8 @@ use crate::{
 
 crate::properties! {
     /// A move above its limit by one count, a speed above its limit by one LSB, and a missing output are found in the
-    /// sample in which they happen. From then on every sample switches off until the fault is cleared. A due sample is
-    /// the exception: the output of this sample reports the fault.
+    /// sample in which they happen. From then on every sample switches the force off until the fault is cleared. A
+    /// sample with an output is the exception, because its output reports the fault.
     found_at_once(400, (period, jump, speed, samples, seed) in (
         prop_oneof![1u32..4, Just(10u32)],
         1u32..40,
@@ -91,7 +91,7 @@ crate::properties! {
         }
     }
 
-    /// The output task's view of the guard is never newer than the sample that the output answers. The view has the
+    /// What the output task knows of the guard is never newer than the sample that the output answers. It includes the
     /// zeros up to this sample.
     never_newer(500, (first, told) in (
         any::<u32>(),

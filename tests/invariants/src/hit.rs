@@ -1,4 +1,4 @@
-//! The wall hit: its RMS, its verdict and the time of the verdict.
+//! Properties of the wall hit: its RMS, its verdict and the time of the verdict.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -6,7 +6,8 @@ use zwidth::{
     units::{Force, Position},
 };
 
-/// Positions of a hit, about a random mean and with a random spread.
+/// Draws the positions of a hit, with a random mean and a random spread. Each position also says whether there is
+/// contact.
 fn positions() -> impl Strategy<Value = Vec<(i32, bool)>> {
     (any::<i32>(), 0u32..=32, 0..=3u8).prop_flat_map(|(around, bits, contact)| {
         let spread = (1i64 << bits) - 1;
@@ -18,8 +19,8 @@ fn positions() -> impl Strategy<Value = Vec<(i32, bool)>> {
     })
 }
 
-/// `n^2` times the variance, times 2^32. The test compares this number with `n^2` times the square of a limit in 2^-16
-/// counts.
+/// Computes `2^32 n^2` times the variance. The test compares this number with `n^2` times the square of a limit, which
+/// is in 2^-16 counts.
 fn scatter(window: &[(i32, bool)]) -> i128 {
     let n = window.len() as i128;
     // Positions are relative to the first position, since a sum over all pairs would take too long.
@@ -47,7 +48,7 @@ fn model(plan: &HitPlan, limit: u32, samples: &[(i32, bool)]) -> Verdict {
     if stable { Verdict::Stable } else { Verdict::Unstable }
 }
 
-/// A limit at which the verdict changes: the RMS of the positions, or a random value near this RMS.
+/// A limit near which the verdict changes. It is the RMS of the positions, or a random value near this RMS.
 fn limit_near(window: &[(i32, bool)], off: i64) -> u32 {
     let n = window.len() as f64;
     let rms = (scatter(window) as f64).sqrt() / n * 65_536.0;
@@ -55,8 +56,9 @@ fn limit_near(window: &[(i32, bool)], off: i64) -> u32 {
 }
 
 crate::properties! {
-    /// The verdict of a hit comes exactly at the last sample of its window: below, at or above the limit, in contact or
-    /// not. An early verdict equals the late verdict. Samples after the end change nothing.
+    /// The verdict of a hit comes exactly at the last sample of its window. This holds for an RMS below, at and above
+    /// the limit, with contact and without. An early verdict equals the late verdict. Samples after the end change
+    /// nothing.
     judged(1500, (samples, settle, off) in (positions(), 0u32..60, -2i64..=2)) {
         let settle = settle.min(samples.len() as u32 - 1);
         let window = samples.len() as u32 - settle;

@@ -19,7 +19,7 @@ type Refusal<'a> = dyn Fn(f64) -> Option<SettingsError> + 'a;
 
 type With<T> = fn(T, f64) -> T;
 
-/// The text of an error, for readers of scenes and for users of the console.
+/// The two texts of an error. One is for readers of scenes, the other for users of the console.
 fn printed(error: &SettingsError) -> [String; 2] {
     [error.to_string(), Text::<200>::of(Reply::Range(error)).as_str().to_owned()]
 }
@@ -31,8 +31,8 @@ fn ends(line: &str) -> [f64; 2] {
     [low, high].map(|end| end.parse().unwrap())
 }
 
-/// Both printed ends are accepted when they are typed. The next number outside, with the same number of digits, is
-/// refused.
+/// Both printed ends are accepted when they are typed. The next number outside the range that has the same number of
+/// digits is refused.
 fn holds(name: &str, refusal: &Refusal<'_>) {
     let wrong = |value: f64| refusal(value).filter(|error| error.parameter == name);
     // Outside either end, and not a number.

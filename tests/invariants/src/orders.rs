@@ -52,7 +52,7 @@ impl Orders {
         }
     }
 
-    /// Runs one sample and the output task: first an output, then a waiting order.
+    /// Runs one sample and the output task. The task first computes the output, then carries out a waiting order.
     pub fn sample(
         &mut self,
         count: i64,

@@ -1,4 +1,4 @@
-//! The console's commands and numbers, compared with the standard library.
+//! Compares the console's commands and numbers with the standard library.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -16,9 +16,9 @@ fn number(text: &str) -> Option<f64> {
     }
 }
 
-/// Whether the documentation allows a text as a number: an optional sign, digits with at most one point, at most 15
-/// significant digits, at most three digits of exponent. If the number is written as a whole number times a power of
-/// ten, the exponent is at most 22.
+/// Whether the documentation allows a text as a number. The text has an optional sign, and digits with at most one
+/// point. It has at most 15 significant digits, and at most three digits of exponent. If the number is written as a
+/// whole number times a power of ten, the exponent is at most 22.
 fn is_offered(text: &str) -> bool {
     let unsigned = text.strip_prefix(['+', '-']).unwrap_or(text);
     let lower = unsigned.to_ascii_lowercase();
@@ -85,8 +85,8 @@ crate::properties! {
         assert!(!normal || (back / any - 1.0).abs() < 5.1e-12, "{any} became {back}");
     }
 
-    /// A command is a name of the help with its values, in any case and with any blanks. Nothing else is read as a
-    /// command. Every error message fits a line.
+    /// A command is a name from the help with its values. Its letters may have either case, and any blanks are allowed.
+    /// Nothing else is read as a command. Every error message fits a line.
     commands(3000, (place, words, upper, blank) in (
         any::<prop::sample::Index>(),
         prop::collection::vec(prop_oneof![
@@ -121,7 +121,7 @@ crate::properties! {
         }
     }
 
-    /// The console cuts any bytes into the same lines as the standard library. A line that is too long is refused once.
+    /// The console splits any bytes into lines as the standard library does. A line that is too long is refused once.
     /// Blank lines are ignored.
     lines(150, pieces in prop::collection::vec(
         prop_oneof![

@@ -4,7 +4,7 @@ use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Property {
-    /// Module and name: `module::name`.
+    /// The module and the name, in the form `module::name`.
     pub name: &'static str,
     /// The statement that must hold.
     pub states: &'static str,

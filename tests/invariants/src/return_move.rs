@@ -37,7 +37,8 @@ impl Move {
         self.settings.tolerance_m / self.design.resolution_m
     }
 
-    /// Outputs between two measurements of the speed: a millisecond, or one output if outputs are rarer.
+    /// Number of outputs from one measurement of the speed to the next. It is a millisecond, or one output if outputs
+    /// are rarer.
     fn pace(&self) -> u32 {
         let samples = (self.design.rate_hz / 1000.0).ceil() as u32;
         (samples / self.design.period).max(1)
@@ -133,8 +134,8 @@ crate::properties! {
         }
     }
 
-    /// Every accepted return begins: a handle at rest away from the start is soon pushed towards the start, and in no
-    /// other direction.
+    /// Every accepted return move begins. A handle that rests away from the start is soon pushed towards the start, and
+    /// in no other direction.
     begins(300, (back, away, side) in (accepted(), 0.0..1.0f64, any::<bool>())) {
         // Outside the tolerance, and inside the range of positions.
         let far = back.tolerance() * 2.0 + away * 1e6 + 10.0;

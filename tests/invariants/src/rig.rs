@@ -1,5 +1,5 @@
-//! The sampling task, the output task and a handle, synchronised as on the board. The test case sets the handle's
-//! position.
+//! The sampling task, the output task and a handle. The two tasks run in the same order as on the board. The test case
+//! sets the handle's position.
 
 use zwidth::{
     CounterWidth, Design, LoopParameters, Settings, VelocitySettings, WallSettings,
@@ -27,7 +27,7 @@ pub const NO_WALL: WallSettings = WallSettings {
     push_only: true,
 };
 
-/// The widest limits. So no limit ends a case.
+/// The widest limits that are accepted. So no limit ends a test case.
 pub fn wide(design: &Design) -> SafetySettings {
     let unit = design.resolution_m * design.rate_hz;
     SafetySettings {
@@ -56,7 +56,7 @@ pub struct Rig {
     pub push: Force,
     pub inputs: Inputs,
     pub count: i64,
-    /// Force of the hardware; `None` while it is off.
+    /// The force of the hardware. `None` while the hardware is off.
     pub output: Option<Force>,
     position: i32,
 }
@@ -80,7 +80,7 @@ impl Rig {
         }
     }
 
-    /// Position of the handle at the last output, counts.
+    /// Position of the handle at the last output, in counts.
     pub fn position(&self) -> i32 {
         self.position
     }

@@ -1,4 +1,4 @@
-//! The ring of positions between sampling and output task, run step by step.
+//! Runs the ring of positions between sampling task and output task, step by step.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -13,14 +13,14 @@ use position_ring::{FOLLOWED, Follower, is_kept, note, read};
 /// There is only one ring. With this mutex, only one test uses the ring at a time.
 static RING: Mutex<()> = Mutex::new(());
 
-/// A position that contains the number of its sample.
+/// A position that is computed from the number of its sample.
 fn place(sample: u64) -> Position {
     Position::from_counts((sample.wrapping_mul(0x9E37_79B9) >> 3) as i32)
 }
 
 crate::properties! {
     /// Samples may come between any two steps of the follower. The follower reads the position of every sample up to
-    /// the requested one, in order and once. The follower leaves out positions that are too old.
+    /// the requested one. It reads each position once and in order. The follower leaves out positions that are too old.
     followed(300, (first, turns) in (
         prop_oneof![Just(0u64), any::<u32>().prop_map(u64::from)],
         prop::collection::vec((

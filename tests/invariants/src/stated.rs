@@ -9,23 +9,22 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// LSB of the velocity in a count per sample.
+/// One count per sample is this number of LSB of the velocity.
 pub const LSB: f64 = 65_536.0;
 
-/// Statements about an estimator with these settings on this device, in counts and samples.
+/// What docs/estimators.md states about an estimator on a device. The values are in counts and samples.
 #[derive(Clone, Debug)]
 pub struct Stated {
     /// Largest error at a constant speed.
     pub error: f64,
-    /// Largest error at whole counts per sample.
+    /// Largest error at a speed of whole counts per sample.
     pub whole: f64,
     /// Whether an error is stated for these settings.
     pub holds: bool,
-    /// Samples until a change of speed by one count per sample has settled. The second value is for each further count
-    /// per sample.
+    /// Number of samples after which a change of speed by one count per sample has settled. The second value is added
+    /// for each further count per sample.
     pub settles: [f64; 2],
-    /// First velocity after a restart. This velocity depends on the difference between the next counts and the old
-    /// velocity.
+    /// How the first velocity after a restart depends on the difference between the next counts and the old velocity.
     pub first: First,
     /// The estimator in `f64`, if it is linear.
     pub twin: Twin,
@@ -33,18 +32,18 @@ pub struct Stated {
     pub resonance: Option<Resonance>,
 }
 
-/// Effects of a resonance, bounded by the magnitudes of responses.
+/// Upper limits for the effects of a resonance. They follow from the magnitudes of responses.
 #[derive(Clone, Copy, Debug)]
 pub struct Resonance {
-    /// Largest rounding error of the velocity, LSB: half an LSB times the response `(1 - q)^k / A` of the error
-    /// feedback.
+    /// Largest rounding error of the velocity, in LSB. It is half an LSB times the response `(1 - q)^k / A` of the
+    /// error feedback.
     pub rounding: f64,
     /// Largest error from the rounding of the coefficients, as a fraction of the fastest difference.
     pub coefficients: f64,
     /// Largest gain from input to output.
     pub gain: f64,
-    /// Largest gain before the last section; 0 with one section. Before the last section, a value may saturate although
-    /// the output is in range.
+    /// Largest gain from the input to the last section. It is 0 if there is only one section. With a large gain, a
+    /// value before the last section may saturate although the output is in range.
     pub inside: f64,
 }
 
@@ -77,7 +76,7 @@ impl Resonance {
         Self { rounding: 0.5 * shaped + 1.0, coefficients, gain, inside: 0.0 }
     }
 
-    /// Limits of this section if a second section follows, which makes the errors of this section larger.
+    /// The limits of this section followed by a second one. The second section makes the errors of the first larger.
     fn then(self, next: Self) -> Self {
         Self {
             rounding: self.rounding * next.gain + next.rounding,
@@ -92,14 +91,16 @@ impl Resonance {
 #[derive(Clone, Debug)]
 pub enum Twin {
     None,
-    /// Coefficients b and a of a filter after the difference.
+    /// A filter after the difference, with its coefficients b and a.
     Filter(Vec<f64>, Vec<f64>),
-    /// Gains of position, velocity and acceleration, and the source of the known acceleration.
+    /// An observer with its gains for position, velocity and acceleration. The last value says how it knows an
+    /// acceleration.
     Observer([f64; 3], Option<First>),
 }
 
 impl Twin {
-    /// Velocities at these counts, from rest at 0. Without `senses` no acceleration is known.
+    /// The velocities for these counts, if the estimator starts at rest at count 0. Without `senses` no acceleration is
+    /// known.
     pub fn run(&self, counts: &[i64], senses: &[Senses]) -> Vec<f64> {
         match self {
             Self::None => Vec::new(),
@@ -133,8 +134,8 @@ impl Twin {
         }
     }
 
-    /// Largest difference of the integers from the equations at speeds up to `fastest`, LSB. The causes are rounding,
-    /// and rounded coefficients.
+    /// Largest difference between the integer estimator and its equations, in LSB, at speeds up to `fastest`. The
+    /// causes are rounding, and rounded coefficients.
     pub fn lsb(&self, fastest: f64) -> f64 {
         match self {
             Self::Filter(b, _) => 3.0 + fastest * 3.0 * 2f64.powi(-31) / b.iter().sum::<f64>(),
@@ -146,16 +147,17 @@ impl Twin {
 /// How the first velocity after a restart depends on the counts.
 #[derive(Clone, Copy, Debug)]
 pub enum First {
-    /// The first value is a fraction of the difference. The second value is the largest addition.
+    /// The velocity changes by this fraction of the difference. The second value is the most that may be added.
     Part(f64, f64),
-    /// This value times the square root of the difference.
+    /// The velocity changes by this value times the square root of the difference.
     Root(f64),
-    /// The difference, limited to this value.
+    /// The velocity changes by the difference, but by no more than this value.
     Bounded(f64),
-    /// Half of the known acceleration is subtracted from the difference. The first value is the fraction of the result.
-    /// The second value is the acceleration at full-scale force, or `None` if the acceleration is measured.
+    /// Half of the known acceleration is first subtracted from the difference. The velocity then changes by a fraction
+    /// of the result, which is the first value. The second value is the acceleration at full-scale force, or `None` if
+    /// the acceleration is measured.
     Known(f64, Option<f64>),
-    /// A mean over this time, or the limit from one count since the last edge.
+    /// The velocity is a mean over this time, or the limit that follows from one count since the last edge.
     Mean(f64),
 }
 
@@ -201,7 +203,7 @@ impl Stated {
     }
 }
 
-/// Half the sum of the magnitudes of the first `samples` samples of the response to a position.
+/// Sums the magnitudes of the first `samples` samples of the response to a position. Returns half of the sum.
 fn ripple(twin: &Twin, samples: f64) -> f64 {
     let mut counts = vec![0; samples.min(60_000.0) as usize];
     counts[0] = 1;

@@ -1,4 +1,4 @@
-//! Settings in flash, with a power cut at any time.
+//! Properties of the settings in flash, if the power may be cut at any time.
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
@@ -14,7 +14,7 @@ use zwidth::{
 use crate::any::{Random, noticed};
 
 const RECORD_BYTES: usize = 4 * RECORD_WORDS;
-/// Size of a sector: three records, and a remainder that is too small for a record.
+/// Size of a sector. It has room for three records, and a remainder that is too small for a record.
 const SECTOR_BYTES: usize = 3 * RECORD_BYTES + 32;
 
 /// Flash that programs `UNIT` bytes at once. After a power cut, each bit of the unit that was being programmed or
@@ -22,7 +22,7 @@ const SECTOR_BYTES: usize = 3 * RECORD_BYTES + 32;
 #[derive(Clone)]
 struct Flash<const UNIT: usize> {
     bytes: Vec<u8>,
-    /// Units until the power is cut.
+    /// Number of units that can be written or erased before the power is cut.
     left: Option<u32>,
     torn: Random,
 }
@@ -154,7 +154,7 @@ fn stored(number: f64, name: EstimatorName, flags: [bool; 3]) -> Stored {
     }
 }
 
-/// A save: its number, and the number of units until a power cut, if there is a power cut.
+/// A save. The first value is its number. The second is the number of units before a power cut, if there is one.
 type Step = (u16, Option<u32>);
 
 fn steps() -> impl Strategy<Value = Vec<Step>> {
@@ -164,7 +164,7 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
     prop::collection::vec((0u16..50, cut), 1..25)
 }
 
-/// Contents of the sectors before the first save: nothing, or bytes that are no record.
+/// Draws the contents of the sectors before the first save. A sector is empty, or has bytes that are no record.
 fn remains() -> impl Strategy<Value = [Option<(usize, usize)>; 2]> {
     let part = (0..SECTOR_BYTES, 1..SECTOR_BYTES);
     let sector = prop_oneof![2 => Just(None), 1 => part.prop_map(Some)];

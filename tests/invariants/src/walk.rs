@@ -5,7 +5,8 @@ use zwidth::experiment::{Cell, Ended, Verdict, Walk, WalkError, WalkSettings, Wa
 
 use crate::any::Random;
 
-/// A grid in whole units, so that rounding cannot change its cells: start, step and largest value of K, then of B.
+/// A grid in whole units, so that rounding cannot change its cells. It has start, step and largest value of K, and the
+/// same of B.
 #[derive(Clone, Copy, Debug)]
 struct Grid {
     unit: [f64; 2],
@@ -50,7 +51,7 @@ fn grid() -> impl Strategy<Value = Grid> {
 enum World {
     /// Walls below a parabola of B are stable.
     Arch { top: i64, middle: i64, fall: i64 },
-    /// Random walls, all with contact: `of_eight` of eight are stable.
+    /// Random walls, all with contact. Of eight walls, `of_eight` are stable on average.
     Random { seed: u64, of_eight: u64 },
     /// Random walls. Some of these walls have no contact.
     Loose { seed: u64 },
@@ -142,9 +143,9 @@ fn told(grid: &Grid, world: &World) -> Told {
 }
 
 crate::properties! {
-    /// A walk has the same hits, boundary, area and end as a second walk, which is described column by column in whole
-    /// numbers. This is true for any set of stable walls. After the end the walk stays within its largest values and
-    /// repeats its answer.
+    /// A walk has the same hits, boundary, area and end as a second implementation, which goes column by column in
+    /// whole numbers. This is true for any set of stable walls. After the end the walk stays within its largest values
+    /// and repeats its answer.
     told_column_by_column(300, (grid, world) in (grid(), world())) {
         let told = told(&grid, &world);
         let settings = grid.settings();

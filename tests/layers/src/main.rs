@@ -70,14 +70,14 @@ const LIVE: &[&[&str]] = &[
     &["history"],
 ];
 
-/// Crates of the laboratory. `LENDERS` are the files that offer a command of the laboratory.
+/// Names of the crates of the laboratory. `LENDERS` are the files that offer a command of the laboratory.
 const LABORATORY: &[&str] = &["board_trials", "lab_trade", "filter_forms", "host_sim_bench"];
 const LENDERS: &[&str] = &[
     "host-sim/src/cli/trade.rs",
     "host-sim/src/output/trade_figures.rs",
     "virtual-board/cli/src/main.rs",
 ];
-/// Kernel and product, by the folders of their crates.
+/// Folders of the crates that belong to kernel and product.
 const PRODUCT: &[&str] = &[
     "src",
     "host-sim/src",
@@ -91,7 +91,7 @@ const PRODUCT: &[&str] = &[
     "seal/src",
 ];
 
-/// The rules that the files of a crate break, each with its lines.
+/// Finds the rules that the files of a crate break. Each rule has the lines that break it.
 fn offences(source: &Source, layers: &[&[&str]]) -> BTreeMap<String, Vec<usize>> {
     let imports = source.imports();
     let mut found = BTreeMap::<_, Vec<_>>::new();
@@ -109,7 +109,7 @@ fn rank(module: &Module, layers: &[&[&str]]) -> usize {
     place.unwrap_or_else(|| panic!("{} stands in no layer of this list", module[0]))
 }
 
-/// Sets of files in which each file imports each other file, directly or through others.
+/// Finds the sets of files in which each file imports every other file of the set, directly or through other files.
 fn circles(imports: &[Import]) -> Vec<String> {
     let related = |a: &Module, b: &Module| a.starts_with(b) || b.starts_with(a);
     let mut edges = BTreeMap::<&Module, BTreeSet<&Module>>::new();

@@ -1,5 +1,6 @@
-//! Imports between the files of a source folder, read from their text: `use` trees, and paths that begin with `crate`,
-//! `super`, `self` or the crate's own name. Test code is left out. A re-export is followed to its file.
+//! Reads the imports between the files of a source folder from their text. An import is a `use` tree, or a path that
+//! begins with `crate`, `super`, `self` or the crate's own name. Test code is left out. A re-export is followed to its
+//! file.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -7,14 +8,14 @@ use std::{
     path::Path,
 };
 
-/// Path of a module below the crate's root.
+/// Path of a module, as the names from the crate's root on.
 pub type Module = Vec<String>;
 
 /// A path in the text of a file.
 #[derive(Clone, Debug)]
 struct Named {
     line: usize,
-    /// Module that contains the path.
+    /// The module in whose code the path stands.
     from: Module,
     path: Vec<String>,
 }
@@ -28,7 +29,7 @@ struct File {
     bound: BTreeMap<String, Named>,
 }
 
-/// One import: its module, file and line, and the module that it imports.
+/// One import. It has the importing module with its file and line, and the imported module.
 #[derive(Clone, Debug)]
 pub struct Import {
     pub from: Module,
@@ -84,7 +85,7 @@ impl Source {
         source
     }
 
-    /// File and line of each path that begins with one of the `own_names`, without test code.
+    /// File and line of each path that begins with one of the `own_names`. Test code is left out.
     pub fn mentions(&self) -> Vec<(&str, usize)> {
         let mut found = vec![];
         for file in self.files.values() {
@@ -177,7 +178,7 @@ fn module_of(file: &str) -> Module {
     parts.filter(|part| !["", "lib", "main", "mod"].contains(part)).map(str::to_owned).collect()
 }
 
-/// Words and signs of a text with their lines. Comments, strings and characters are left out.
+/// Splits a text into words and signs, each with its line. Comments, strings and characters are left out.
 fn tokens(text: &str) -> Vec<(usize, String)> {
     let mut tokens = vec![];
     let (mut rest, mut line) = (text, 1);
@@ -211,7 +212,7 @@ fn tokens(text: &str) -> Vec<(usize, String)> {
     tokens
 }
 
-/// The end of the raw string that begins here; `None` if no raw string begins here.
+/// The text that ends the raw string that begins here. `None` if no raw string begins here.
 fn raw_string(text: &str) -> Option<String> {
     let rest = text.strip_prefix("br").or_else(|| text.strip_prefix('r'))?;
     let hashes = rest.len() - rest.trim_start_matches('#').len();
@@ -233,7 +234,7 @@ fn string(text: &str) -> usize {
     text.len()
 }
 
-/// Length of a character such as `'x'` or `'\n'`, or of the sign before a lifetime.
+/// Length of a character literal such as `'x'` or `'\n'`, or of the sign `'` before a lifetime.
 fn character(text: &str) -> usize {
     let mut chars = text.char_indices().skip(1);
     match chars.next() {

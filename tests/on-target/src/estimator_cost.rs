@@ -1,9 +1,10 @@
 //! Runs on the board's core: builds an estimator, gives it differences of counts, and returns the velocities and the
 //! cycles of each update. `tests/elf/estimator_cost.rs` is the host's side of the mailbox.
 //!
-//! `SENSES` has for each sample: force, acceleration, age of the edge, kind of edge (0 none, 1 down, 2 up). The job has
-//! the number of the estimator, its parameters (two words each, low word first), and the number of samples. The answer
-//! is the size of an [`Estimator`](zwidth::velocity::Estimator), bytes.
+//! For each sample, `SENSES` has the force, the acceleration, the age of the edge, and the kind of the edge. The kind
+//! is 0 for no edge, 1 for down and 2 for up. The job has the number of the estimator, its parameters (two words each,
+//! low word first), and the number of samples. The answer is the size of an [`Estimator`](zwidth::velocity::Estimator),
+//! in bytes.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]

@@ -2,7 +2,7 @@
 //! update. `tests/elf/filter_cost.rs` is the host's side of the mailbox.
 //!
 //! The job has the number of the variant, the cutoff in Hz (two words, low word first), the fractional bits of Q15, and
-//! the number of samples. The answer is the size of coefficients and state, bytes. The job is refused if the format
+//! the number of samples. The answer is the size of coefficients and state, in bytes. The job is refused if the format
 //! cannot have the cutoff.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 

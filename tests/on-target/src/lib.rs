@@ -111,7 +111,7 @@ pub extern "C" fn idsp_wide(
     filter.process(state, input)
 }
 
-/// Not a part of the control path: converts settings to integers with floats.
+/// Converts settings to integers with floats. This is not a part of the control path.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_build(
     settings: &Settings,

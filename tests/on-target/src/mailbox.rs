@@ -1,8 +1,8 @@
 //! The target's side of the mailbox of `tests/elf/mailbox.rs`. Job and samples are in memory. The results replace the
 //! samples.
 //!
-//! `JOB` has a state (1 requested, 2 done, 3 refused), the words of the job, and the number of samples. The program
-//! writes the measured size in bytes into the next word.
+//! `JOB` has a state, the words of the job, and the number of samples. The state is 1 for requested, 2 for done and 3
+//! for refused. The program writes the measured size in bytes into the next word.
 
 use core::{
     panic::PanicInfo,
@@ -13,7 +13,7 @@ pub const SAMPLES: usize = 4096;
 
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 static JOB: [AtomicU32; 20] = [const { AtomicU32::new(0) }; 20];
-/// Inputs, which the velocities replace.
+/// The inputs. The program replaces each of them by its velocity.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub static SAMPLE: [AtomicU32; SAMPLES] = [const { AtomicU32::new(0) }; SAMPLES];
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name

@@ -58,7 +58,7 @@ pub extern "C" fn zwidth_request(supervisor: &mut Supervisor, request: &Request)
     supervisor.request(*request).is_ok()
 }
 
-/// Called for every output: black box and frame.
+/// Called for every output. Stores the output in the black box and in a telemetry frame.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_keep(
     ring: &mut BlackBox<500>,
@@ -70,7 +70,7 @@ pub extern "C" fn zwidth_keep(
     *bytes = Frame { sequence, record: rendered.record }.encode();
 }
 
-/// The memory of faults, and a decoder of telemetry.
+/// Uses the memory of faults and a decoder of telemetry.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_memory(
     words: &mut [u32; FaultRecord::WORDS],

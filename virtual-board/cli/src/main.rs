@@ -48,32 +48,33 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// A console: type the commands that a real board takes. An empty line asks for the status. `hand METRES` holds the
-    /// handle there (`hand RADIANS` in a rotary scene). `hand off` lets it go. `wait SECONDS` waits.
+    /// Open a console. It takes the commands of a real board. An empty line asks for the status. `hand METRES` holds
+    /// the handle there (`hand RADIANS` in a rotary scene). `hand off` lets it go. `wait SECONDS` waits.
     Run {
         #[command(flatten)]
         common: Common,
-        /// Write the telemetry, for `cargo sim telemetry FILE`; also if the session ends by Ctrl-C or by a fault.
+        /// Write the telemetry to this file, for `cargo sim telemetry FILE`. It is also written if the session ends by
+        /// Ctrl-C or by a fault.
         #[arg(long, value_name = "FILE")]
         telemetry: Option<PathBuf>,
         /// Replace FILE if it is there.
         #[arg(long)]
         force: bool,
     },
-    /// One wall hit, run by the firmware itself.
+    /// Run one wall hit. The firmware itself runs it.
     Hit {
         #[command(flatten)]
         common: Common,
-        /// One JSON object on stdout, and nothing else there.
+        /// Print one JSON object on stdout, and nothing else there.
         #[arg(long)]
         json: bool,
-        /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, or the only cutoff of its sweep].
+        /// Nominal cutoff in Hz [default: `velocity.cutoff_hz` of the scene, or the only cutoff of its sweep].
         #[arg(long)]
         cutoff: Option<f64>,
-        /// K, N/m; N m/rad of a rotary scene.
+        /// K in N/m, or in N m/rad for a rotary scene.
         #[arg(long)]
         stiffness: f64,
-        /// B, N s/m; N m s/rad of a rotary scene.
+        /// B in N s/m, or in N m s/rad for a rotary scene.
         #[arg(long)]
         damping: f64,
         /// Write the telemetry since the board was switched on, for `cargo sim telemetry FILE`.
@@ -83,36 +84,38 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
-    /// Faults with the force on, in free motion and in contact. Measures how long until the force is off.
+    /// Cause faults while the force is on, in free motion and in contact. Measures the time until the force is off.
     Campaign(campaign::report::Campaign),
-    /// Random sessions of console, hand, switches and resets, compared with the firmware's library.
+    /// Run random sessions of console, hand, switches and resets. Compares the board with the firmware's library.
     Fuzz(fuzz::report::Fuzz),
-    /// The board in real time, for other tools. It offers RTT over TCP on 127.0.0.1, channel n on port PORT + n. The
-    /// first line on stdout is the address of channel 0.
+    /// Run the board in real time, for other tools. It offers RTT over TCP on 127.0.0.1. Channel n has the port PORT +
+    /// n. The first line on stdout is the address of channel 0.
     Serve {
         #[command(flatten)]
         common: Common,
-        /// First of three consecutive ports; 0: any.
+        /// First of three consecutive ports. 0 stands for any free ports.
         #[arg(long, value_name = "PORT", default_value_t = 9090)]
         rtt: u16,
-        /// A port for gdb; 0: any. Its address is the second line on stdout. A halt by gdb switches the force off.
+        /// A port for gdb. 0 stands for any free port. Its address is the second line on stdout. A halt by gdb switches
+        /// the force off.
         #[arg(long, value_name = "PORT")]
         gdb: Option<u16>,
     },
-    /// A boundary walk over the scene's grid, run by the firmware itself.
+    /// Run a boundary walk over the scene's grid. The firmware itself runs it.
     Walk {
         #[command(flatten)]
         common: Common,
-        /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, or the only cutoff of its sweep].
+        /// Nominal cutoff in Hz [default: `velocity.cutoff_hz` of the scene, or the only cutoff of its sweep].
         #[arg(long)]
         cutoff: Option<f64>,
-        /// Write the boundary: columns `cutoff_hz`, damping and stiffness, the last two in the scene's units.
+        /// Write the boundary to this file. Its columns are `cutoff_hz`, damping and stiffness. The last two are in the
+        /// scene's units.
         #[arg(long, value_name = "FILE")]
         csv: Option<PathBuf>,
         /// Replace FILE if it is there.
         #[arg(long)]
         force: bool,
-        /// One JSON object on stdout, and nothing else there.
+        /// Print one JSON object on stdout, and nothing else there.
         #[arg(long)]
         json: bool,
     },
@@ -124,14 +127,14 @@ struct Common {
     scene: String,
     #[arg(long, default_value = NUCLEO_F446RE.name, help = Board::names(" or "))]
     board: String,
-    /// The firmware; built if not given.
+    /// The firmware's ELF. It is built if this option is missing.
     #[arg(long)]
     elf: Option<PathBuf>,
-    /// The device record for the board's flash, a file from `cargo sim prepare` [default: made from the scene, without
-    /// an envelope; for the board's own scene: the image's record].
+    /// The device record for the board's flash. It is a file from `cargo sim prepare` [default: a record made from the
+    /// scene, without an envelope; for the board's own scene, the image's record].
     #[arg(long, value_name = "FILE")]
     device: Option<PathBuf>,
-    /// Samples per output in place of the scene's: 1, 2, 5 or 10. `run` starts with this value.
+    /// Samples per output in place of the scene's value: 1, 2, 5 or 10. `run` starts with this value.
     #[arg(long, value_name = "SAMPLES")]
     period: Option<u32>,
 }
@@ -179,7 +182,8 @@ fn execute(command: Command) -> Result<(), Error> {
     }
 }
 
-/// The cutoff of the command line, or else the scene's. An estimator without a cutoff ignores the value.
+/// The cutoff of the command line. If it is missing, the scene's cutoff. An estimator without a cutoff ignores the
+/// value.
 fn cutoff_of(scene: &NamedScene, asked: Option<f64>) -> Result<f64, Error> {
     let own = || asked::filter(scene, None).map(|own| own.cutoff_hz().unwrap_or_default());
     asked.map_or_else(own, Ok)
@@ -217,14 +221,15 @@ fn check_period(name: &str, period: u32) -> Result<(), Error> {
     Err(Error::Input(format!("{name} is {period}, allowed on a board {known}")))
 }
 
-/// Samples between two checks of the keyboard.
+/// Number of samples between two checks of the keyboard.
 const SLICE: u64 = 100;
-/// Samples to run after the last line, so that its reply arrives.
+/// Number of samples that the board runs after the last line, so that its reply arrives.
 const LAST: u64 = 2_000;
 /// Longest wait between two checks of the interrupt flag.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Runs a session. Lines from a keyboard run at most in real time; lines from a file or pipe run as fast as possible.
+/// Runs a session. With lines from a keyboard, the board is never faster than real time. With lines from a file or
+/// pipe, it runs as fast as possible.
 fn run(
     session: &Session,
     period: Option<u32>,
@@ -298,7 +303,8 @@ struct HitJson<'a> {
     quiet: Option<QuietJson<'a>>,
 }
 
-/// Additional JSON fields of a hit with the criterion `quiet`: the values of the deciding push, and each push.
+/// Additional JSON fields of a hit with the criterion `quiet`. They are the values of the push that decided the
+/// verdict, and a list of all pushes.
 #[derive(Serialize)]
 struct QuietJson<'a> {
     force_rms_n: f64,

@@ -1,4 +1,4 @@
-//! Lines typed at `cargo board run`: for the board, or for the simulated hand.
+//! Reads the lines that a user types at `cargo board run`. A line is for the board or for the simulated hand.
 
 use std::{
     io::{BufRead as _, Read as _},
@@ -12,10 +12,10 @@ use virtual_board::world::World;
 
 use crate::SLICE;
 
-/// Longest time of `wait`, s.
+/// Longest time of `wait`, in s.
 const WAIT_MAX_S: f64 = 3600.0;
 
-/// Longest line that is accepted, bytes: longer than the firmware's own limit.
+/// Longest line that is accepted, in bytes. It is longer than the firmware's own limit.
 const LINE_MAX: u64 = 1000;
 
 /// Passes a typed line to the board or to the hand. Returns how many samples to wait.
@@ -60,7 +60,7 @@ pub(super) fn place_name(units: Units) -> &'static str {
     if units.is_rotary() { "RADIANS" } else { "METRES" }
 }
 
-/// Speed of the hand, m per sample: 0.1 m/s.
+/// Speed of the hand, in m per sample. It is 0.1 m/s.
 const HAND_M: f64 = 1e-5;
 
 /// Moves the handle to `place_m` and holds it there.

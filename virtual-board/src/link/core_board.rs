@@ -1,5 +1,5 @@
-//! The firmware's library with a simulated device, without a chip. Console, supervisor, experiments and core are the
-//! same code as in the release image. This code runs sample by sample with the simulator's plant. Instructions,
+//! Runs the firmware's library with a simulated device, without a chip. Console, supervisor, experiments and core are
+//! the same code as in the release image. This code runs sample by sample with the simulator's plant. Instructions,
 //! registers and flash are not simulated. So this board runs about a hundred times faster than the emulator.
 
 use std::{collections::VecDeque, sync::Arc};
@@ -26,10 +26,10 @@ use crate::{
     world::Finger,
 };
 
-/// Size of the command channel, bytes; the same as on a board.
+/// Size of the command channel, in bytes. It is the same as on a board.
 const TYPED: usize = 255;
-/// Samples for which a hand holds the handle at the scene's 0. The program starts in the first half, and sets the count
-/// to zero in the second half.
+/// Number of samples for which a hand holds the handle at the scene's position 0. The program starts in the first half,
+/// and sets the count to zero in the second half.
 const HELD_SAMPLES: u64 = 600;
 
 /// The device of a scene on a board. For the board's own scene, this is the device of the board's image. The device's
@@ -47,7 +47,8 @@ pub struct CoreBoard {
     samples: u64,
     disabled_at: Option<u64>,
     stop_open: bool,
-    /// Forces on the way to the plant, N, each with the sample in which it begins to act. `acting_n` acts now.
+    /// Forces that do not act on the plant yet, in N. Each has the sample in which it begins to act. `acting_n` is the
+    /// force that acts now.
     on_the_way: VecDeque<(u64, f64)>,
     acting_n: f64,
     finger: Option<Finger>,
@@ -56,8 +57,8 @@ pub struct CoreBoard {
 }
 
 impl CoreBoard {
-    /// Switches the board on. A hand has set the zero at the scene's 0 and has just released the handle. The device
-    /// record is made for `board`.
+    /// Switches the board on. The zero was set at the scene's position 0, where a hand has just released the handle.
+    /// The device record is made for `board`.
     ///
     /// # Errors
     /// No record of that board fits the scene.
@@ -99,7 +100,7 @@ impl CoreBoard {
         self.program.channels().telemetry.clear();
     }
 
-    /// Runs the board for 1 ms. `speed` is simulated seconds per real second, and is only displayed.
+    /// Runs the board for 1 ms. `speed` is the number of simulated seconds per real second. It is only displayed.
     pub fn millisecond(&mut self, speed: f64) {
         self.finger = self.wires.finger();
         let wanted = self.wires.is_stop_open();
@@ -150,7 +151,7 @@ impl CoreBoard {
         done
     }
 
-    /// Runs one sample: first the count, then the output if it is due, then the plant.
+    /// Runs one sample. First the count is read, then an output is computed if it is due, then the plant moves.
     fn sample(&mut self) {
         let index = self.samples;
         let next_n = self.on_the_way.front().filter(|(at, _)| *at == index);

@@ -21,7 +21,7 @@ use crate::{
     world::{Ended, World},
 };
 
-/// Largest time by which the board may be ahead of real time.
+/// The board may be ahead of real time by at most this time.
 const AHEAD: Duration = Duration::from_millis(1);
 /// If the board is behind real time by more than this, the board does not catch up.
 const BEHIND: Duration = Duration::from_millis(20);
@@ -29,10 +29,10 @@ const BEHIND: Duration = Duration::from_millis(20);
 /// Set-up of the board before it runs in real time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Begin {
-    /// True: the zero was set while a hand held the handle at the scene's 0. So the board's positions are the scene's.
-    /// False: the handle rests at the device's rest position.
+    /// If true, the zero was set while a hand held the handle at the scene's position 0. So the board's positions equal
+    /// the scene's. If false, the handle rests at the device's rest position.
     pub zeroed: bool,
-    /// Output period in place of the board's own, in samples.
+    /// Output period, in samples. It replaces the board's own period.
     pub period: Option<u32>,
 }
 
@@ -65,7 +65,7 @@ impl LiveBoard {
     /// Switches a board on as [`start`](Self::start) does, with a port for gdb. The listener must not block.
     ///
     /// # Errors
-    /// The errors of [`start`](Self::start).
+    /// The same errors as in [`start`](Self::start).
     pub fn with_gdb(
         session: Session,
         begin: Begin,

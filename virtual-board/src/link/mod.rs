@@ -23,7 +23,7 @@ pub use rtt_tcp::RttTcp;
 pub use stepped::SteppedBoard;
 pub use wires::{Seen, WiredLink, Wires};
 
-/// Up channels of the firmware: log, telemetry, replies.
+/// Number of the firmware's up channels. They carry the log, the telemetry and the replies.
 pub const UP_CHANNELS: usize = 3;
 pub const LOG: usize = 0;
 pub const TELEMETRY: usize = 1;
@@ -35,7 +35,7 @@ const LOOK: Duration = Duration::from_millis(1);
 /// Time after which a client that reads nothing is disconnected. The board does not wait for this client.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Result of a read or write of a non-blocking stream; `None` if the stream is not ready.
+/// Converts the result of reading or writing a non-blocking stream. `None` means that the stream is not ready.
 fn at_once(done: io::Result<usize>) -> io::Result<Option<usize>> {
     match done {
         Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
@@ -53,6 +53,6 @@ pub trait Link: Send {
     /// Sends bytes down channel `channel`. Returns how many bytes had room.
     fn write(&mut self, channel: usize, bytes: &[u8]) -> usize;
 
-    /// The reason why the board is lost; `None` while it is connected.
+    /// The reason why the board is lost. `None` while it is connected.
     fn lost(&self) -> Option<String>;
 }

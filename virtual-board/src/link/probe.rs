@@ -1,5 +1,5 @@
-//! A board behind a debug probe, by RTT in the board's memory. This module uses a probe through a trait. The drivers of
-//! probes are elsewhere.
+//! A board behind a debug probe. The link uses RTT in the board's memory. This module uses a probe through a trait. The
+//! drivers of probes are elsewhere.
 //!
 //! A probe halts the core when it attaches and when it detaches. A halt with the force on is fault 32. So the force
 //! must be off before both halts. Before attaching, the caller must switch the force off. This link sends `disarm` as
@@ -24,11 +24,11 @@ mod channels;
 #[cfg(test)]
 mod tests;
 
-/// Time with nothing but errors after which a board is treated as lost. A reset takes less time.
+/// If every access fails for this time, the board is treated as lost. A reset takes less time.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Longest wait for an answer. An answer usually takes some milliseconds; after a `save`, an answer takes a second.
+/// Longest wait for an answer. An answer usually takes some milliseconds. After a `save` it takes a second.
 const ANSWER: Duration = Duration::from_secs(2);
-/// Longest wait for the last answer. After Ctrl-C a program has 0.4 s in all.
+/// Longest wait for the answer to the last `disarm`. After Ctrl-C a program has 0.4 s in all.
 const LEAVE: Duration = Duration::from_millis(200);
 /// Time between two checks of an idle board.
 const LOOK: Duration = Duration::from_millis(1);
@@ -57,9 +57,10 @@ pub trait Probe {
 /// State of a board when the probe attached.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Met {
-    /// Force off, no fault.
+    /// The force is off and there is no fault.
     Off,
-    /// Fault 32: the halt by this probe, or an earlier halt by a debugger, has switched the force off.
+    /// The board reports fault 32. The halt by this probe, or an earlier halt by a debugger, has switched the force
+    /// off.
     Halted,
     /// Another state, as the board's reply names it.
     Otherwise(String),

@@ -1,4 +1,4 @@
-//! RTT over TCP with one port for each channel, like OpenOCD's `rtt server`.
+//! Connects to RTT over TCP. Each channel has its own port, as with OpenOCD's `rtt server`.
 
 use std::{
     io::{Read as _, Write as _},
@@ -18,7 +18,7 @@ pub struct RttTcp {
 }
 
 impl RttTcp {
-    /// Connects to the port of `HOST:PORT` and to the ports after it.
+    /// Connects to the port in `HOST:PORT` and to the ports that follow it.
     ///
     /// # Errors
     /// The address is not valid, or no server answers there. The error is one line of text.

@@ -20,10 +20,10 @@ use host_sim::{
 use super::{Begin, LOOK, Link as _, LiveBoard, PATIENCE, at_once};
 use crate::session::Session;
 
-/// Attempts to find consecutive free ports, if port 0 was given.
+/// Number of attempts to find consecutive free ports, if port 0 was given.
 const TRIES: usize = 100;
 
-/// Ports to listen on; 0: any free port.
+/// Ports on which the server listens. 0 stands for any free port.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Ports {
     /// The first of three consecutive ports.
@@ -74,7 +74,7 @@ impl Drop for Server {
 /// Serves until the user presses Ctrl-C, or until the board's program ends.
 ///
 /// # Errors
-/// The errors of [`Server::start`], and the end of the board's program.
+/// The same errors as in [`Server::start`], or the board's program has ended.
 pub fn serve(session: Session, period: Option<u32>, ports: Ports) -> Result<(), Error> {
     let server = Server::start(session, period, ports)?;
     let first = server.port;
@@ -101,7 +101,7 @@ pub fn serve(session: Session, period: Option<u32>, ports: Ports) -> Result<(), 
     }
 }
 
-/// Listens on loopback only, with consecutive ports, one for each channel.
+/// Listens on consecutive ports, one for each channel. Only programs on this machine can connect.
 fn listen(port: u16) -> Result<(u16, Vec<TcpListener>), Error> {
     let bind = |port: u16| TcpListener::bind((Ipv4Addr::LOCALHOST, port));
     let row = |first: TcpListener| -> io::Result<(u16, Vec<TcpListener>)> {

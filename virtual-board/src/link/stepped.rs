@@ -1,4 +1,4 @@
-//! A virtual board that runs only when it is called, for a web page: it has no threads and only one clock.
+//! A virtual board for a web page. It runs only when it is called. It has no threads and only one clock.
 
 use std::sync::Arc;
 
@@ -15,8 +15,8 @@ pub struct SteppedBoard {
 }
 
 impl SteppedBoard {
-    /// Switches a board on. A hand has set the zero at the scene's 0 and has just released the handle. The memory of
-    /// the board and of the table of log messages is never freed, since a page has one of each.
+    /// Switches a board on. The zero was set at the scene's position 0, where a hand has just released the handle. The
+    /// memory of the board and of the table of log messages is never freed, since a page has one of each.
     ///
     /// # Errors
     /// The image is not of this firmware, or refuses a command.
@@ -26,7 +26,7 @@ impl SteppedBoard {
         Ok(Self { world, slices: Slices::new(Arc::clone(&wires)), wires })
     }
 
-    /// Runs the board for 1 ms. `speed` is simulated seconds per real second, and is only displayed.
+    /// Runs the board for 1 ms. `speed` is the number of simulated seconds per real second. It is only displayed.
     ///
     /// # Errors
     /// The program ended.

@@ -1,5 +1,5 @@
-//! Connections between a virtual board and its surroundings: bytes of the channels, the finger at the handle, the
-//! switch of the emergency stop, and the state for the display.
+//! Connections between a virtual board and its surroundings. They are the bytes of the channels, the finger at the
+//! handle, the switch of the emergency stop, and the state for the display.
 
 use std::{
     collections::VecDeque,
@@ -16,25 +16,25 @@ use crate::{
     world::{Finger, World},
 };
 
-/// Largest number of bytes of a channel that wait for the host. Further bytes stay on the board. The board drops bytes
-/// when its buffer is full.
+/// Largest number of bytes of one channel that can wait for the host. Further bytes stay on the board. The board drops
+/// bytes when its buffer is full.
 const WAITING: usize = 1 << 16;
-/// Samples between two exchanges with the channels: 1 ms.
+/// Number of samples from one exchange with the channels to the next. It is 1 ms.
 pub const SLICE: u64 = 10;
 
 /// State of the device for the display.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seen {
-    /// Time on the board since it was switched on, s.
+    /// Time on the board since it was switched on, in s.
     pub time_s: f64,
-    /// Position of the handle in the scene, m.
+    /// Position of the handle in the scene, in m.
     pub position_m: f64,
-    /// Force of the finger on the handle, N.
+    /// Force of the finger on the handle, in N.
     pub finger_n: f64,
     pub enabled: bool,
-    /// Time of the last drop of enable, s of the board's time.
+    /// Time at which enable last became inactive, in s of the board's time.
     pub disabled_s: Option<f64>,
-    /// Recent speed: simulated seconds per real second.
+    /// Recent speed of the simulation, in simulated seconds per real second.
     pub speed: f64,
 }
 

@@ -1,6 +1,6 @@
-//! Values that only a self-test measures: option bytes, the watchdog's oscillator, errors of DAC and converter, and the
-//! amplifier's current signal. Two wires may also connect output pins to the encoder's inputs. Neither a reset nor a
-//! loss of supply changes these values.
+//! Values that only a self-test measures. They are option bytes, the watchdog's oscillator, errors of DAC and
+//! converter, and the amplifier's current signal. Two wires may also connect output pins to the encoder's inputs.
+//! Neither a reset nor a loss of supply changes these values.
 
 use std::sync::{
     Arc,
@@ -18,13 +18,13 @@ use super::{
 pub struct Bench {
     /// Whether wires connect PC6 to A and PC8 to B. The encoder is then not connected.
     pub wires: AtomicBool,
-    /// Level of the brown-out reset (`BOR_LEV`); 3 in a new chip.
+    /// Level of the brown-out reset (`BOR_LEV`). It is 3 in a new chip.
     pub brown_out_reset: AtomicU32,
-    /// Frequency of the watchdog's oscillator, Hz; 0: the oscillator is stopped.
+    /// Frequency of the watchdog's oscillator, in Hz. It is 0 if the oscillator is stopped.
     pub oscillator_hz: AtomicU64,
-    /// Error of the converter, codes: reading minus true value.
+    /// Error of the converter in codes. It is the reading minus the true value.
     pub converter_error: AtomicI32,
-    /// Error of the DAC, codes: output minus command.
+    /// Error of the DAC in codes. It is the output minus the command.
     pub dac_error: AtomicI32,
     /// Whether the converters give no result.
     pub converters_stand: AtomicBool,
@@ -46,7 +46,7 @@ impl Default for Bench {
     }
 }
 
-/// Port index and number of the pins at which the wires begin: first the wire to A, then the wire to B.
+/// Port index and number of the pins at which the wires begin. The first wire goes to A, the second to B.
 pub(super) const WIRES: [(usize, u32); 2] = [(2, 6), (2, 8)];
 
 pub(super) struct Wire {
@@ -113,7 +113,7 @@ const CAPTURED: u32 = 1 << 4;
 const CAPTURE_ON: u32 = 1 << 12;
 
 impl PacePort {
-    /// Number of the oscillator's last edge, and the cycles since that edge.
+    /// Number of the oscillator's last edge, and the number of cycles since that edge.
     #[expect(clippy::cast_possible_truncation, reason = "edges and cycles of one run")]
     fn edge(&self) -> Option<(u64, u64)> {
         let hz = self.bench.oscillator_hz.load(Relaxed);

@@ -19,16 +19,16 @@ use super::{DacListener, gate::Block};
 /// Simulated time, in core cycles of the clock that the program has set up.
 #[derive(Debug, Default)]
 pub(super) struct Clock {
-    /// Start of the present instruction, cycles.
+    /// Start of the present instruction, in cycles.
     now: AtomicU64,
-    /// Time of the edge that is being delivered, cycles. For an event of TIM1, the edge may be earlier than `now`.
+    /// Time of the edge that is being delivered, in cycles. For an event of TIM1, the edge may be earlier than `now`.
     edge: AtomicU64,
     /// Whether a peripheral was accessed, which may have changed the time of its next event.
     touched: AtomicBool,
     /// Whether the chip's clock differs from the clock that was set up.
     changed: AtomicBool,
-    /// State of a changed clock, in four fields: cycle of the change, cycles lost before the change, present frequency
-    /// and set-up frequency, MHz.
+    /// State of a changed clock. The four fields are the cycle of the change, the cycles lost before the change, the
+    /// present frequency and the frequency that the program has set up. Frequencies are in MHz.
     since: AtomicU64,
     lost: AtomicU64,
     mhz: AtomicU64,
@@ -87,7 +87,7 @@ impl Clock {
         (cycles * self.set_up_mhz.load(Relaxed)).div_ceil(self.mhz.load(Relaxed).max(1))
     }
 
-    /// Cycles that the chip's clock has counted at `cycle`.
+    /// Number of cycles that the chip's clock has counted up to `cycle`.
     fn own(&self, cycle: u64) -> u64 {
         if !self.changed.load(Relaxed) {
             return cycle;
@@ -162,7 +162,7 @@ pub(super) struct Lazy {
     apart: bool,
     /// Core cycles for which the device was stopped while the core was halted.
     pub(super) stood: Arc<AtomicU64>,
-    /// Cycle to which the device must be advanced before an access; 0: it is up to date.
+    /// The cycle to which the device must be advanced before an access. 0 means that it is up to date.
     owed: Arc<AtomicU64>,
 }
 
@@ -180,7 +180,7 @@ impl Lazy {
         Self { device, operations, clock, divider, apart: false, stood, owed }
     }
 
-    /// Makes the device's clock independent: it runs on when the chip's clock stops.
+    /// Makes the device's clock independent. It then runs on when the chip's clock stops.
     pub(super) fn apart(self) -> Self {
         Self { apart: true, ..self }
     }
@@ -338,7 +338,7 @@ impl<P: Port> MemOps for Registers<P> {
     }
 }
 
-/// A port without actions of its own.
+/// A port that only advances its device before an access.
 #[derive(Debug)]
 pub(super) struct Plain(pub(super) Lazy);
 

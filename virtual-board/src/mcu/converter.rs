@@ -1,4 +1,5 @@
-//! ADC1 and ADC2: single conversions, started by the program (RM0390 13.3.4, 13.4, 13.13; RM0090 13.3.4, 13.4, 13.13).
+//! Simulates ADC1 and ADC2. The program starts each conversion (RM0390 13.3.4, 13.4, 13.13; RM0090 13.3.4, 13.4,
+//! 13.13).
 //!
 //! A conversion reads the voltage at the end of its sampling time. The result appears twelve converter cycles later.
 //! Two inputs are wired. Input 4 is the DAC's pin, whose buffer gives 0.2 to 3.1 V. Input 8 is the amplifier's current
@@ -35,7 +36,8 @@ const SMPR1: u64 = 0x0C;
 const SMPR2: u64 = 0x10;
 const SQR3: u64 = 0x34;
 const DR: u64 = 0x4C;
-/// Offsets for registers of the model only: whether a conversion runs, its start time, and its input at the start.
+/// Offsets of registers that only this model has. They store whether a conversion runs, its start time, and its input
+/// at the start.
 const GOES_ON: u64 = 0x60;
 const BEGAN: [u64; 2] = [0x64, 0x68];
 const THERE: u64 = 0x6C;

@@ -31,11 +31,11 @@ const HSE_READY: u32 = 1 << 17;
 const SECURITY_ON: u32 = 1 << 19;
 const PLL_ON: u32 = 0b11 << 24;
 const PLL_FROM_HSE: u32 = 1 << 22;
-/// Bits of CFGR for the requested and for the present clock (`SW`, `SWS`).
+/// Bits of CFGR. `SW` has the requested clock, `SWS` the present clock.
 const SWITCH: u32 = 0b1111;
 const SECURITY_FLAG: u32 = 1 << 7;
 const SECURITY_CLEAR: u32 = 1 << 23;
-/// Bit of the core's system control register SCR.
+/// The bit of the core's system control register SCR that selects deep sleep.
 const SLEEP_DEEP: u32 = 1 << 2;
 
 #[derive(Debug, Default)]
@@ -53,7 +53,7 @@ pub(super) struct ClockPort {
     pub(super) lazy: Lazy,
     pub(super) clock: Arc<Clock>,
     pub(super) crystal: Arc<Crystal>,
-    /// Devices whose clocks RCC gates.
+    /// The devices whose clocks RCC can switch off.
     pub(super) gated: Vec<Lazy>,
 }
 

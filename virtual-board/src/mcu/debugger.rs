@@ -1,4 +1,4 @@
-//! What a debugger does to the chip: halts, breakpoints, steps, access to registers and memory.
+//! What a debugger can do to the chip: it halts the core, sets breakpoints, steps, and accesses registers and memory.
 
 use std::{collections::BTreeSet, ops::Range, sync::atomic::Ordering::Relaxed};
 
@@ -16,9 +16,9 @@ use super::{
 /// say that the outputs are off "as if" the bit were reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AfterHalt {
-    /// The bit keeps its value: the outputs are on again.
+    /// The bit keeps its value, so the outputs are on again after the halt.
     Kept,
-    /// The bit is reset: the outputs stay off.
+    /// The bit is reset, so the outputs stay off after the halt.
     Reset,
 }
 
@@ -27,7 +27,7 @@ pub enum AfterHalt {
 pub struct Halt {
     /// Whether TIM1 is stopped, with its outputs off.
     masked: bool,
-    /// The main output enable before the halt.
+    /// Whether TIM1's main output was enabled before the halt.
     enabled: bool,
     stored: u64,
     resets: u64,
@@ -85,7 +85,7 @@ impl Mcu {
         self.end_halt(&halt, moe);
     }
 
-    /// Begins a halt: the core is halted from now on.
+    /// Begins a halt. From now on the core is halted.
     pub fn begin_halt(&mut self) -> Halt {
         self.settle();
         let masked = self.soc.tim1_stops();
@@ -122,8 +122,8 @@ impl Mcu {
         }
     }
 
-    /// After a halt of `cycles`: if the sampling timer stopped, moves the last sampling event `cycles` later. The next
-    /// event is also later by `cycles`.
+    /// Call this after a halt of `cycles` cycles. If the sampling timer was stopped, moves the last sampling event
+    /// `cycles` later. The next event then also comes `cycles` later.
     pub fn shift_event(&mut self, cycles: u64) {
         if self.event.0 > 0 && self.soc.tim5_stops() {
             self.event.0 += cycles;

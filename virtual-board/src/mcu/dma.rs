@@ -35,7 +35,7 @@ const TO_PERIPHERAL: u32 = 0b01 << 6;
 const INCREMENTS: u32 = 0b11 << 9;
 const SIZES: u32 = 0b1111 << 11;
 const WORDS: u32 = 0b1010 << 11;
-/// Bits of CR that can be written while the stream is enabled: EN and the interrupt enables.
+/// These bits of CR can be written while the stream is enabled. They are EN and the interrupt enables.
 const OPEN: u32 = 0b1_1111;
 /// FCR after reset: direct mode, FIFO empty. The next two constants are for FCR's bits FS: the mask, and the level of
 /// one word.

@@ -50,15 +50,15 @@ pub struct EdgeNotes {
     pub read_at: Vec<u64>,
     /// Cycle of each reading of the capturing timer's counter.
     pub captures_read_at: Vec<u64>,
-    /// For each reading of the counter: the cycles at which the captures of A and B were read afterwards; `None` if not
-    /// read.
+    /// One entry for each reading of the counter. It has the cycles at which the captures of A and B were read
+    /// afterwards. `None` if a capture was not read.
     pub captured_at: Vec<[Option<u64>; 2]>,
 }
 
 #[derive(Clone, Debug, Default)]
 struct Edges {
     waiting: VecDeque<(u64, i32)>,
-    /// Count that A and B show now. `last` is the count after the last waiting edge.
+    /// The count that A and B show now. `last` is the count after the last waiting edge.
     shown: i32,
     last: i32,
     /// Channels whose level does not change.
@@ -95,7 +95,7 @@ impl EncoderInput {
         }
     }
 
-    /// Moves A and B to `count`, one edge every `spacing` cycles, the first edge at `from`.
+    /// Moves A and B to `count`. The first edge comes at cycle `from`, the others follow every `spacing` cycles.
     pub(super) fn go_to(&self, count: i32, from: u64, spacing: u64) {
         let mut edges = lock(&self.state);
         let mut at = from;
@@ -288,8 +288,8 @@ impl Mcu {
         self.soc.encoder.take_readings()
     }
 
-    /// Moves A and B to `count`: one edge every `spacing` cycles, the first edge at `from`. Edges are delivered in the
-    /// order of the calls.
+    /// Moves A and B to `count`. The first edge comes at cycle `from`, the others follow every `spacing` cycles. Edges
+    /// are delivered in the order of the calls.
     pub fn encoder_to(&mut self, count: i32, from: u64, spacing: u64) {
         self.soc.encoder.go_to(count, from, spacing);
     }

@@ -1,5 +1,5 @@
-//! Faults inside the chip, set from outside: bits that flip, an interrupt that does not come, a program counter that
-//! jumps. The program in flash is not changed for this.
+//! Causes faults inside the chip: bits that flip, an interrupt that does not come, a program counter that jumps. The
+//! program in flash stays the same.
 
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -22,7 +22,7 @@ impl Mcu {
         self.soc.cpu.with_sys(|sys| sys.set_enable(Exception(exception), !masked));
     }
 
-    /// Runs until the core executes in `exception`; 0: until the core is awake and in no exception.
+    /// Runs until the core executes in `exception`. With 0 it runs until the core is awake and in no exception.
     ///
     /// # Errors
     /// The core locked up.
@@ -63,7 +63,7 @@ impl Mcu {
         self.outlives = true;
     }
 
-    /// Writes a word as the core would: to a peripheral, to memory or to a register of the core.
+    /// Writes a word as the core would. The address can be in a peripheral, in memory or in a register of the core.
     pub fn poke(&mut self, address: u32, value: u32) {
         self.clock.set(self.now);
         self.forget_flash();
@@ -161,7 +161,8 @@ impl Mcu {
         self.soc.encoder.kill(channel, dead);
     }
 
-    /// TIM1's compare registers of channels 1 and 2 (magnitude and sign of a PWM), then the DAC's code.
+    /// Reads the registers that set the force. The first two are TIM1's compare registers of channels 1 and 2, which
+    /// have magnitude and sign of a PWM. The third has the DAC's code.
     pub fn force_registers(&self) -> [u32; 3] {
         [self.soc.pwm.peek(0x34), self.soc.pwm.peek(0x38), self.soc.dac.get(0x08)]
     }

@@ -1,4 +1,4 @@
-//! TIM1's main output: BDTR with its lock, and the break input.
+//! Simulates TIM1's main output. It is controlled by the register BDTR, which has a lock, and by the break input.
 
 use std::sync::{
     Arc,
@@ -25,13 +25,15 @@ pub(super) const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 const AUTOMATIC_OUTPUT_ENABLE: u32 = 1 << 14;
 pub(super) const BREAK_ENABLE: u32 = 1 << 12;
 const LOCK_LEVEL: u32 = 0b11 << 8;
-/// Offsets and values of a port's registers: pin mode, pin function, alternate-function mode, TIM1's function.
+/// Offsets of a port's registers for pin mode and pin function, then the values for the alternate-function mode and for
+/// TIM1's function.
 const MODER: u64 = 0x00;
 const AFRL: u64 = 0x20;
 const ALTERNATE: u32 = 0b10;
 const TIM1: u32 = 1;
-/// Register bits that each lock level freezes (RM0090 17.4.18, RM0390 16.4.18, LOCK). Level 1: dead time, break bits,
-/// idle levels. Level 2: polarities, off states. Level 3: modes, preloads. All channels are outputs.
+/// Register bits that each lock level freezes (RM0090 17.4.18, RM0390 16.4.18, LOCK). Level 1 freezes dead time, break
+/// bits and idle levels. Level 2 also freezes polarities and off states, and level 3 modes and preloads. All channels
+/// are treated as outputs.
 const LOCKED: [&[(u64, u32)]; 3] = [
     &[(BDTR, 0x70FF), (0x04, 0x7F00)],
     &[(BDTR, 0x0C00), (0x20, 0x2AAA)],
@@ -102,7 +104,7 @@ impl Break {
         self.open.load(Relaxed) && connected() || self.crystal.flag.load(Relaxed)
     }
 
-    /// The value of the register after a store: locked bits do not change.
+    /// The value of the register after a store of `value`. Locked bits do not change.
     fn unlocked(&self, offset: u64, value: u32) -> u32 {
         let written = self.locked.load(Relaxed);
         let level = if written { self.lazy.peek(BDTR) >> 8 & 3 } else { 0 };

@@ -1,8 +1,8 @@
 //! The emulated microcontroller. No other module uses the emulator crate.
 //!
-//! Instructions are exact; their cycles are approximate. The core's cycle model has zero wait states. An exception's
-//! entry takes 12 cycles and 8 stacking accesses. The return takes about 18 cycles. So each interrupt takes some 16
-//! cycles more than on silicon. No cycle count was compared with silicon.
+//! Instructions are exact, but their cycles are approximate. The core's cycle model has zero wait states. An
+//! exception's entry takes 12 cycles and 8 stacking accesses. The return takes about 18 cycles. So each interrupt takes
+//! some 16 cycles more than on silicon. No cycle count was compared with silicon.
 //!
 //! This module adds what the emulator lacks: four priority bits, the vector table's address, TIM1's break input and
 //! automatic output enable, the voltage detector, a crystal that fails, ITSTATE in a stacked xPSR, and time while
@@ -63,7 +63,7 @@ const IT_BITS: u32 = 0x0600_FC00;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Chip {
-    /// Core clock after set-up, Hz; a multiple of 32 kHz and of 8 MHz.
+    /// Core clock after set-up, in Hz. It is a multiple of 32 kHz and of 8 MHz.
     pub core_hz: u64,
     pub flash_bytes: usize,
     /// Identification of the chip (`DEV_ID`).
@@ -72,14 +72,14 @@ pub struct Chip {
     pub over_drive: bool,
 }
 
-/// Normal supply of the chip, mV.
+/// Normal supply of the chip, in mV.
 pub const SUPPLY_MV: u32 = 3300;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Pin {
-    /// Letter, 'A' to 'E'.
+    /// Letter of the port, from 'A' to 'E'.
     pub port: char,
-    /// Number, 0 to 15.
+    /// Number of the pin in its port, from 0 to 15.
     pub number: u8,
 }
 
@@ -94,7 +94,7 @@ pub trait PinListener: Send + Sync {
 }
 
 pub trait DacListener: Send + Sync {
-    /// The DAC gives `code` from `cycle` on; `None`: the DAC is off.
+    /// Called when the DAC's output changes. From `cycle` on the DAC gives `code`. `None` means that the DAC is off.
     fn code(&self, cycle: u64, code: Option<u32>);
 }
 
@@ -111,7 +111,7 @@ pub struct Listeners {
     pub stop: Option<Pin>,
     /// Values that a self-test measures.
     pub bench: Arc<Bench>,
-    /// For each word of RAM: whether it was read. `None` if nobody needs these notes.
+    /// For each word of RAM, whether it was read. `None` if nobody needs these notes.
     pub reads: Option<Arc<Vec<AtomicBool>>>,
 }
 
@@ -121,7 +121,8 @@ pub enum Stopped {
     LockedUp(u32),
 }
 
-/// Pins that are driven from outside: the level, and the level of the alternate function if this level is also driven.
+/// Pins that are driven from outside the chip. Each has its level, and the level of its alternate function if that is
+/// driven too.
 type Outside = BTreeMap<Pin, (bool, Option<bool>)>;
 
 pub struct Mcu {
@@ -133,31 +134,32 @@ pub struct Mcu {
     /// A copy of the core's registers after the last step. A read of the registers from the emulator takes half as long
     /// as a step.
     registers: Regs,
-    /// Whether the last step left the program counter unchanged: the core sleeps, is locked up, or branches to the same
-    /// address.
+    /// Whether the last step left the program counter unchanged. Then the core sleeps, is locked up, or branches to the
+    /// same address.
     stands: bool,
     now: u64,
-    /// Cycle of the next event of a device.
+    /// Cycle at which a device has its next event.
     next: u64,
-    /// Cycle until which the flash is busy and the core stalls.
+    /// Cycle at which the flash is no longer busy. Until then the core stalls.
     stalled: u64,
     asleep: u64,
     instructions: u64,
     resets: u64,
-    /// Cycle of the last sampling event, and whether the reading of the counter is still to come.
+    /// Cycle of the last sampling event. The second value tells whether the program has not yet read the counter after
+    /// it.
     event: (u64, bool),
     events: u64,
-    /// Cycle of the last write of a force that the observations include.
+    /// Cycle of the last write of a force that [`Watch`] has counted.
     commanded_at: u64,
     /// Program counters at which hard faults occurred.
     hard_faults: Vec<u32>,
-    /// Words that DMA2 has stored.
+    /// Number of words that DMA2 has stored.
     stored_by_dma: u64,
     /// Whether the run continues after a lock-up, until the watchdog resets the core.
     outlives: bool,
     watch: Watch,
     outside: Outside,
-    /// The last saved copy of flash, and the count of accesses to the flash registers at that time.
+    /// The last saved copy of flash. The second value is the number of accesses to the flash registers at that time.
     flash_saved: Option<(Arc<Vec<u8>>, u64)>,
     fast: Fast,
 }
@@ -207,7 +209,7 @@ impl Mcu {
         }
     }
 
-    /// Runs until `cycle`, or a few cycles longer, since instructions are not split.
+    /// Runs until `cycle`. It may end a few cycles later, because instructions are not split.
     ///
     /// # Errors
     /// The core locked up.
@@ -220,8 +222,8 @@ impl Mcu {
         Ok(())
     }
 
-    /// Runs one instruction; with `MANY`, runs until `cycle` or the next event. A sleeping core sleeps until then.
-    /// Returns whether instructions ran.
+    /// Runs one instruction. With `MANY` it runs until `cycle` or the next event. A sleeping core sleeps until `cycle`
+    /// or the next event. Returns whether instructions ran.
     #[inline(always)]
     fn advance<const MANY: bool>(&mut self, cycle: u64) -> Result<bool, Stopped> {
         self.clock.set(self.now);
@@ -411,7 +413,7 @@ impl Mcu {
         self.watch.restart();
     }
 
-    /// Cycles of the core since power-on.
+    /// Number of cycles since power-on.
     pub fn now(&self) -> u64 {
         self.now
     }
@@ -420,7 +422,7 @@ impl Mcu {
         self.chip.core_hz
     }
 
-    /// Count of sampling events so far.
+    /// Number of sampling events so far.
     pub fn events(&self) -> u64 {
         self.events
     }
@@ -435,7 +437,7 @@ impl Mcu {
         self.soc.commanded_at.load(Relaxed)
     }
 
-    /// Number of resets so far, without power-on.
+    /// Number of resets so far. Power-on does not count.
     pub fn resets(&self) -> u64 {
         self.resets
     }
@@ -453,7 +455,7 @@ impl Mcu {
         self.soc.cpu.is_asleep()
     }
 
-    /// Cycles that the core has slept so far.
+    /// Number of cycles for which the core has slept so far.
     pub fn asleep(&self) -> u64 {
         self.asleep
     }
@@ -474,7 +476,7 @@ impl Mcu {
         self.soc.pin(pin)
     }
 
-    /// Delivers the pins' changes up to now. The timers are also advanced.
+    /// Advances the timers, and delivers all changes of pins up to now.
     pub fn settle(&mut self) {
         self.settle_to(self.now);
     }

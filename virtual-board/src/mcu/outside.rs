@@ -1,4 +1,4 @@
-//! Inputs that are driven from outside the chip: pins, the stop, the supply.
+//! Drives the inputs of the chip from outside: pins, the emergency stop and the supply.
 
 use super::{Mcu, Pin, SUPPLY_IRQ};
 
@@ -30,8 +30,8 @@ impl Mcu {
         self.soc.set_break(open);
     }
 
-    /// Sets the supply, mV. The initial supply is [`SUPPLY_MV`](super::SUPPLY_MV). The supply affects only the voltage
-    /// detector.
+    /// Sets the supply, in mV. The initial supply is [`SUPPLY_MV`](super::SUPPLY_MV). The supply affects only the
+    /// voltage detector.
     pub fn set_supply_mv(&mut self, mv: u32) {
         self.clock.set(self.now);
         self.soc.supply.set_mv(mv);

@@ -31,10 +31,10 @@ pub struct Snapshot {
     backup: Vec<u8>,
     clock: ClockState,
     encoder: EncoderState,
-    /// Cycles for which each timer was stopped by halts.
+    /// For each timer, the number of cycles for which halts have stopped it.
     stood: Vec<u64>,
-    /// Registers of the blocks that the emulator does not model: DBGMCU, DAC, ADCs, DMA2. DMA2 also has the waiting
-    /// word, the count, and whether the stream has just been enabled.
+    /// Registers of DBGMCU, DAC, ADCs and DMA2, which the emulator does not model. `dma` has more of DMA2's state: the
+    /// waiting word, the count, and whether the stream has just been enabled.
     stored: [Vec<u32>; 4],
     dma: ([u32; 2], bool),
     flags: [bool; FLAGS],

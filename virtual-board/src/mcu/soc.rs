@@ -1,4 +1,4 @@
-//! The devices around the core: addresses and connections.
+//! The devices around the core, with their addresses and connections.
 
 use std::sync::{
     Arc,
@@ -31,7 +31,8 @@ use super::{
     supply::{PowerPort, Supply},
 };
 
-/// Message for errors of the emulator's set-up, which are errors of this crate: the set-up consists of constants.
+/// Message for errors of the emulator's set-up. Such an error is an error of this crate, because the set-up consists of
+/// constants.
 pub(super) const WIRED: &str = "the emulator has this device, property and pin";
 
 #[derive(Clone)]
@@ -62,7 +63,7 @@ pub(super) struct Soc {
     pub(super) stop: Arc<AtomicBool>,
     /// The break flag of TIM1.
     pub(super) broken: Arc<AtomicBool>,
-    /// Pin of the stop.
+    /// The pin to which the emergency stop is connected.
     input: Option<BreakInput>,
     /// Whether BDTR was written since the reset. The first write freezes its lock level.
     locked: Arc<AtomicBool>,
@@ -85,8 +86,8 @@ pub(super) struct Soc {
 
 pub(super) const FLAGS: usize = 10;
 
-/// Longest times to program a word and to erase 16 KiB, 32 bits at a time (data sheets of STM32F446 and STM32F407,
-/// 6.3.12 and 5.3.12: flash memory programming).
+/// Longest time to program a word of 32 bits, and longest time to erase 16 KiB at this width (data sheets of STM32F446
+/// and STM32F407, 6.3.12 and 5.3.12: flash memory programming).
 const PROGRAM_US: u64 = 100;
 const ERASE_MS: u64 = 500;
 
@@ -97,7 +98,7 @@ struct WatchdogPort {
     fed: Arc<Flag>,
 }
 
-/// Value that feeds the watchdog if the program writes it into KR, at offset 0.
+/// The program feeds the watchdog by writing this value into the register KR, at offset 0.
 const RELOAD: u32 = 0xAAAA;
 
 impl Port for WatchdogPort {
@@ -477,7 +478,7 @@ impl Soc {
         self.dbgmcu.get(DBGMCU_APB1_FZ) >> 3 & 1 != 0
     }
 
-    /// Stops the blocks whose DBGMCU bits are set, for a halt of `cycles`.
+    /// Stops the blocks whose DBGMCU bits are set while the core is halted for `cycles`.
     pub(super) fn stand_still(&self, cycles: u64) {
         let [apb1, apb2] = [DBGMCU_APB1_FZ, DBGMCU_APB2_FZ].map(|offset| self.dbgmcu.get(offset));
         for (register, bit, device) in [
@@ -514,8 +515,8 @@ impl Soc {
         self.gpio.iter().map(|port| &**port as &dyn Device)
     }
 
-    /// Flags for a snapshot: interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, BDTR's
-    /// lock, and the crystal's state.
+    /// The flags that a snapshot saves. They are the interrupt lines, the watchdog's reset, TIM8's request, the stop,
+    /// the break flag, BDTR's lock, and the crystal's state.
     pub(super) fn flags(&self) -> [&AtomicBool; FLAGS] {
         let [pace, supply, bites, asks] =
             [&self.pace_line, &self.supply_line, &self.watchdog_bites, &self.dma.request]

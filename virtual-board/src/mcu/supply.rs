@@ -1,4 +1,4 @@
-//! PWR's port: the supply and its voltage detector. The emulator has no input for the supply.
+//! The registers of PWR, with the supply and its voltage detector. The emulator has no input for the supply.
 
 use std::sync::{
     Arc, OnceLock,
@@ -12,9 +12,9 @@ use rsemu::core::{
 
 use super::bus::{Clock, Lazy, Port};
 
-/// Thresholds of the detector for each level PLS, mV: first for a rising supply, then for a falling supply. A supply up
-/// to the threshold is treated as low. The thresholds are the largest values of the data sheet of the STM32F446,
-/// section 6.3.5. The STM32F407 has the same values.
+/// Thresholds of the detector for each level PLS, in mV. The first is for a rising supply, the second for a falling
+/// supply. A supply up to the threshold is treated as low. The thresholds are the largest values of the data sheet of
+/// the STM32F446, section 6.3.5. The STM32F407 has the same values.
 const LEVELS_MV: [[u32; 2]; 8] = [
     [2190, 2080],
     [2370, 2260],
@@ -29,7 +29,7 @@ const LEVELS_MV: [[u32; 2]; 8] = [
 #[derive(Debug)]
 pub(super) struct Supply {
     mv: AtomicU32,
-    /// CR as the program has written it: the level and the enable bit.
+    /// The register CR as the program has written it. It has the level and the enable bit.
     control: AtomicU32,
     low: AtomicU32,
     /// Line of EXTI that the detector drives.

@@ -1,5 +1,5 @@
-//! Observes each instruction without a change of the program: interrupt masks, the sampling delay, cycles per task, the
-//! lowest stack pointer.
+//! Observes each instruction without a change of the program. The observations are interrupt masks, the sampling delay,
+//! cycles per task, and the lowest stack pointer.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,23 +7,23 @@ use rsemu::core::space::RamStore;
 
 use super::{IT_BITS, RAM};
 
-/// Exception number of the sampling task: TIM5 is interrupt 50.
+/// Exception number of the sampling task. Its interrupt is that of TIM5, number 50.
 pub const SAMPLE: u16 = 16 + 50;
-/// Exception number of the output task: SPI3 is interrupt 51.
+/// Exception number of the output task. Its interrupt is that of SPI3, number 51.
 pub const RENDER: u16 = 16 + 51;
-/// Exception number of the link task: SPI2 is interrupt 36.
+/// Exception number of the link task. Its interrupt is that of SPI2, number 36.
 pub const LINK: u16 = 16 + 36;
 
 /// Hardware priority of the sampling task. A BASEPRI from 1 to this value would mask the task.
 const SAMPLE_PRIORITY: u8 = 0x10;
 
-/// Cycles of one exception, from entry to return, except for the cycles of tasks that preempt it.
+/// Cycles that the runs of one exception take, from entry to return. The cycles of tasks that preempt it are left out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cycles {
     pub runs: u64,
-    /// Cycles of the shortest run.
+    /// Number of cycles of the shortest run.
     pub least: u64,
-    /// Cycles of the longest run.
+    /// Number of cycles of the longest run.
     pub most: u64,
     pub total: u64,
 }
@@ -51,51 +51,53 @@ impl Cycles {
 /// Observations since the last [`clear`](Self::clear). Masks and delays are counted from the first sample on.
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
-    /// Number of instructions with PRIMASK set.
+    /// Number of instructions that ran while PRIMASK was set.
     pub primask: u64,
-    /// Number of instructions with a BASEPRI that masks the sampling task.
+    /// Number of instructions that ran while BASEPRI masked the sampling task.
     pub forbidden_basepri: u64,
-    /// Longest time with a nonzero BASEPRI, cycles.
+    /// Longest time for which BASEPRI was not zero, in cycles.
     pub longest_mask: u64,
-    /// Number of sampling events for each BASEPRI at the event (0: none).
+    /// Number of sampling events for each value that BASEPRI had at the event. The value 0 masks nothing.
     pub events_by_basepri: BTreeMap<u8, u64>,
     /// Number of events for each delay, in cycles, from a sampling event to the reading of the counter.
     pub delays: BTreeMap<u64, u64>,
-    /// Cycles from a sampling event to each write of the output task into the output's registers.
+    /// Number of cycles from a sampling event to a write of the output task into the output's registers.
     pub commands: Cycles,
-    /// Cycles of each task, by exception number.
+    /// Cycles of each task. The key of the map is the task's exception number.
     pub tasks: BTreeMap<u16, Cycles>,
     /// How often the emulator has lost ITSTATE and the loss was corrected.
     pub mended: u64,
-    /// Longest time from one feeding of the watchdog to the next, cycles.
+    /// Longest time from one feeding of the watchdog to the next, in cycles.
     pub longest_unfed: u64,
     fed_at: Option<u64>,
-    /// Lowest main stack pointer.
+    /// Lowest value that the main stack pointer has had.
     pub lowest_stack: u32,
-    /// Cycles of the sampling task for each instruction address; `None` if nobody needs them.
+    /// Cycles that the sampling task spent at each instruction address. `None` if nobody needs them.
     pub profile: Option<BTreeMap<u32, u64>>,
     /// Address and cycles of each instruction in the longest run of the sampling task. Filled only with the profile.
     pub longest: Vec<(u32, u64)>,
     run: Vec<(u32, u64)>,
     /// Addresses of instructions of the sampling task whose cycles are counted separately.
     pub marks: BTreeSet<u32>,
-    /// Cycles of the marked instructions, per run of the sampling task.
+    /// Cycles that the marked instructions take in a run of the sampling task.
     pub marked: Cycles,
-    /// Cycles of all other instructions, per run.
+    /// Cycles that all other instructions take in a run.
     pub unmarked: Cycles,
     in_marks: u64,
-    /// Addresses of three words that are noted at each start of a task, and the starts; `None` if nobody needs them.
+    /// The starts of tasks, and the addresses of three words whose values are noted at each start. `None` if nobody
+    /// needs them.
     entries: Option<([u32; 3], Vec<Entry>)>,
     masked: u64,
     running: bool,
-    /// Running exceptions, the innermost last: the exception's number, and the cycles spent in the exception.
+    /// The running exceptions, with the innermost one last. Each has its number, and the cycles that it has taken so
+    /// far.
     nested: Vec<(u16, u64)>,
 }
 
 /// The start of a task, or the end of the last running task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// Exception number; 0: none runs.
+    /// Number of the exception. 0 means that none runs any more.
     pub exception: u16,
     /// Values of the noted words of RAM.
     pub words: [u32; 3],
@@ -150,12 +152,12 @@ impl Watch {
         self.nested.iter().any(|(number, _)| *number == exception)
     }
 
-    /// Number of the running exception; 0: none.
+    /// Number of the running exception. 0 means that none runs.
     pub fn innermost(&self) -> u16 {
         self.nested.last().map_or(0, |(number, _)| *number)
     }
 
-    /// Longest minus shortest sampling delay, cycles.
+    /// Difference between the longest and the shortest sampling delay, in cycles.
     pub fn delay_spread(&self) -> u64 {
         match (self.delays.first_key_value(), self.delays.last_key_value()) {
             (Some((least, _)), Some((most, _))) => most - least,

@@ -34,7 +34,7 @@ impl World<'_> {
         self.powered.mcu.stay_halted(cycles);
     }
 
-    /// Ends the halt: the core and the plant continue.
+    /// Ends the halt, so that the core and the plant continue.
     pub fn end_halt(&mut self, halted: &Halted, moe: AfterHalt) {
         let Powered { mcu, amplifier, .. } = &mut self.powered;
         mcu.end_halt(&halted.chip, moe);
@@ -56,7 +56,7 @@ impl World<'_> {
     /// call completes this sample.
     ///
     /// # Errors
-    /// The errors of [`sample`](Self::sample).
+    /// The same errors as in [`sample`](Self::sample).
     pub fn sample_until_met(&mut self, stops: &Stops) -> Result<Option<Met>, Ended> {
         loop {
             let to = self.step_end();

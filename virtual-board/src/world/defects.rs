@@ -1,4 +1,4 @@
-//! Defects outside the chip, and notes of the motor's force and the motion.
+//! Simulates defects outside the chip. Also notes the motor's force and the motion.
 
 use std::{f64::consts::TAU, sync::atomic::Ordering::Relaxed};
 
@@ -10,32 +10,32 @@ pub struct Defects {
     pub count: Option<CountDefect>,
     /// If set, the enabled amplifier gives this fraction of full scale for any command.
     pub stuck: Option<f64>,
-    /// Offset of the DAC's output, fraction of full scale.
+    /// Offset of the DAC's output, as a fraction of full scale.
     pub dac: f64,
     /// Whether the converters give no result.
     pub converters_stand: bool,
 }
 
-/// A wrong count: `at + offset + ratio (count - at) + per_sample (samples - since)` in place of `count`.
+/// A defect that replaces `count` by `at + offset + ratio (count - at) + per_sample (samples - since)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CountDefect {
     pub at: i32,
     /// The sample at which the defect began.
     pub since: u64,
-    /// Counts that are added at the beginning of the defect.
+    /// Number of counts that are added at the beginning of the defect.
     pub offset: i32,
-    /// Fraction of the motion that is counted.
+    /// The fraction of the motion that is counted.
     pub ratio: f64,
-    /// Counts that are added in each sample.
+    /// Number of counts that are added in each sample.
     pub per_sample: f64,
 }
 
 /// A hand that swings the handle about a position. The force has no effect on this motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Swing {
-    /// Middle of the motion, m.
+    /// Middle of the motion, in m.
     pub centre_m: f64,
-    /// Largest distance from the middle, m.
+    /// Largest distance from the middle, in m.
     pub amplitude_m: f64,
     pub rate_hz: f64,
     /// Step of the plant at which the swing begins.
@@ -45,13 +45,13 @@ pub struct Swing {
 /// Observations of one sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seen {
-    /// End of the sample, cycles.
+    /// End of the sample, in cycles.
     pub at: u64,
-    /// Position of the handle at the end of the sample, m.
+    /// Position of the handle at the end of the sample, in m.
     pub position_m: f64,
     /// Whether a hand holds or moves the handle.
     pub held: bool,
-    /// Mean force on the handle, fraction of full scale.
+    /// Mean force on the handle, as a fraction of full scale.
     pub force: f64,
     /// Whether enable was active at the end of the sample.
     pub enabled: bool,
@@ -87,7 +87,7 @@ impl Swing {
     }
 }
 
-/// Time constant of the filter between the amplifier's current signal and the board, s: 1.6 kHz.
+/// Time constant of the filter between the amplifier's current signal and the board, in s. Its cutoff is 1.6 kHz.
 const SENSE_S: f64 = 1e-4;
 
 impl World<'_> {

@@ -1,4 +1,4 @@
-//! The host of the board: reads the board's output and sends commands through the RTT channels.
+//! The host of the board. It reads the board's output and sends commands through the RTT channels.
 
 use super::{Ended, World};
 use crate::board::Powered;
@@ -52,7 +52,7 @@ impl World<'_> {
         Err(Ended::Timeout)
     }
 
-    /// Waits up to `samples` for the next reply.
+    /// Waits for the next reply, for `samples` samples at most.
     ///
     /// # Errors
     /// No reply came, or an error of [`sample`](Self::sample).

@@ -31,13 +31,13 @@ use crate::{
     mcu::{self, Stopped},
 };
 
-/// Steps of the plant per sample.
+/// Number of the plant's steps per sample.
 pub const STEPS: u64 = 10;
-/// Delay from the plant to the counter, s.
+/// Delay from the plant to the counter, in s.
 pub const LEAD_S: f64 = 2e-6;
-/// Steps of the plant per sample if a step is as long as [`LEAD_S`], at 10 kHz.
+/// Number of the plant's steps per sample if a step is as long as [`LEAD_S`]. The sample rate is 10 kHz.
 const FINE_STEPS: u64 = 50;
-/// Cycles from one encoder edge to the next: more than the timer's input filter needs.
+/// Number of cycles from one encoder edge to the next. The timer's input filter needs fewer.
 const EDGE_CYCLES: u64 = 20;
 
 pub struct World<'a> {
@@ -46,32 +46,33 @@ pub struct World<'a> {
     state: AnyState,
     encoder: Quantiser,
     sensing: Sensing,
-    /// Steps per sample, and the length of a step.
+    /// Number of the plant's steps per sample. `step_s` is the length of a step.
     steps: u64,
     step_s: f64,
-    /// Position that A and B show, in counts with fractions; `None` if edges have no times of their own.
+    /// Position that A and B show, in counts with fractions. `None` if the edges do not have exact times.
     shown: Option<f64>,
-    /// Samples since the board was switched on, and steps of the present sample.
+    /// Number of samples since the board was switched on. `stepped` is the number of steps of the present sample so
+    /// far.
     samples: u64,
     stepped: u64,
     full_scale_n: f64,
     current: CurrentSettings,
-    /// The current signal after its filter, fraction of full scale.
+    /// The current signal after its filter, as a fraction of full scale.
     filtered: f64,
     /// Position at which a hand holds the handle. The hand moves this position at [`led_m_per_s`](Self::led_m_per_s).
     held: Option<f64>,
     led_m_per_s: f64,
-    /// Finger that pulls at the handle while no hand holds it.
+    /// A finger that pulls at the handle. It acts while no hand holds the handle.
     pub finger: Option<Finger>,
     /// Motion of a hand that swings the handle.
     swing: Option<Swing>,
     /// Whether the motor's wires are swapped.
     pub motor_reversed: bool,
-    /// The count at which A and B were swapped; `None` if they are not swapped.
+    /// The count at which A and B were swapped. `None` if they are not swapped.
     swapped_at: Option<i32>,
     /// Other defects outside the chip.
     pub defects: Defects,
-    /// Observations of each sample; `None` if nobody needs them.
+    /// What was observed in each sample. `None` if nobody needs it.
     pub seen: Option<Vec<Seen>>,
     log: log::Decoder<'a>,
     /// Cycle to which the plant has moved.
@@ -84,7 +85,8 @@ pub struct World<'a> {
     pub telemetry: Vec<u8>,
 }
 
-/// State of a board and its plant at one time: chip, amplifier, handle, and bytes on the way to the host.
+/// The state of a board and its plant at one time. It has chip, amplifier, handle, and the bytes that the host has not
+/// taken yet.
 #[derive(Clone)]
 pub struct Snapshot {
     pub mcu: mcu::Snapshot,
@@ -134,7 +136,7 @@ impl<'a> World<'a> {
     /// Switches a board on, with the handle held at `start_m`. The board's count starts from 0 there.
     ///
     /// # Errors
-    /// The ELF is not this firmware. Or the scene has `[jitter]`, a push by a hand, a protocol other than the paper's,
+    /// The ELF is not this firmware, or the scene has `[jitter]`, a push by a hand, a protocol other than the paper's,
     /// or a criterion that a board cannot judge.
     pub fn new(
         board: Board,
@@ -146,10 +148,10 @@ impl<'a> World<'a> {
         Self::of(board, elf, table, scene, (start_m, STEPS))
     }
 
-    /// Switches a board on as [`new`](Self::new) does, with every edge of the encoder at its own time.
+    /// Switches a board on as [`new`](Self::new) does, but every edge of the encoder comes at its exact time.
     ///
     /// # Errors
-    /// The errors of [`new`](Self::new).
+    /// The same errors as in [`new`](Self::new).
     pub fn with_edge_times(
         board: Board,
         elf: &Elf,
@@ -287,7 +289,7 @@ impl<'a> World<'a> {
     /// A hand moves the handle to `to_m` at 0.5 m/s and holds it there.
     ///
     /// # Errors
-    /// The errors of [`sample`](Self::sample).
+    /// The same errors as in [`sample`](Self::sample).
     pub fn lead_to(&mut self, to_m: f64) -> Result<(), Ended> {
         let from_m = self.position_m();
         #[expect(
@@ -324,19 +326,19 @@ impl<'a> World<'a> {
         self.plant.position_m(&self.state)
     }
 
-    /// Largest force of the motor, N.
+    /// Largest force of the motor, in N.
     pub fn full_scale_n(&self) -> f64 {
         self.full_scale_n
     }
 
-    /// Force of the finger on the handle, N.
+    /// Force of the finger on the handle, in N.
     pub fn finger_n(&self) -> f64 {
         let Some(finger) = self.finger.filter(|_| self.held.is_none()) else { return 0.0 };
         finger.force_n(self.position_m(), self.plant.speed_m_per_s(&self.state))
     }
 
-    /// Runs one sample: from [`LEAD_S`] before a sampling event to [`LEAD_S`] before the next. Completes a begun
-    /// sample.
+    /// Runs one sample, from [`LEAD_S`] before a sampling event to [`LEAD_S`] before the next. If a sample has begun,
+    /// only its rest is run.
     ///
     /// # Errors
     /// The program ended, or its log cannot be decoded.
@@ -345,10 +347,10 @@ impl<'a> World<'a> {
         Ok(())
     }
 
-    /// Runs everything up to `cycle`, or a few cycles longer, since instructions are not split.
+    /// Runs everything up to `cycle`. It may end a few cycles later, because instructions are not split.
     ///
     /// # Errors
-    /// The errors of [`sample`](Self::sample).
+    /// The same errors as in [`sample`](Self::sample).
     pub fn run_to(&mut self, cycle: u64) -> Result<(), Ended> {
         while self.step_end() <= cycle {
             self.step()?;
@@ -412,8 +414,8 @@ impl<'a> World<'a> {
         true
     }
 
-    /// Swaps the encoder's channels, so that the encoder counts in the opposite direction from here on. `swapped`
-    /// false: restores the channels.
+    /// Swaps the encoder's channels, so that the encoder counts in the opposite direction from here on. If `swapped` is
+    /// false, the channels are restored.
     pub fn swap_channels(&mut self, swapped: bool) {
         self.swapped_at = swapped.then(|| self.encoder.count(self.position_m()));
     }
@@ -430,13 +432,13 @@ impl<'a> World<'a> {
         self.swapped_at.map_or(place, |at| 2.0 * f64::from(at) + 1.0 - place)
     }
 
-    /// Position that the encoder measures, m.
+    /// Position that the encoder measures, in m.
     fn shown_m(&self) -> f64 {
         self.sensing.shown_m(self.position_m(), 0, self.samples)
     }
 
     /// Shows the edges of the step that ended at cycle `at`, during the `cycles` after it. The speed within a step is
-    /// taken as constant: at 100 m/s^2 the error is 5e-11 m.
+    /// treated as constant. At 100 m/s^2 this causes an error of 5e-11 m.
     fn show_edges(&mut self, before: f64, at: u64, cycles: u64) {
         let after = self.shown_place();
         self.shown = Some(after);
@@ -482,7 +484,7 @@ impl<'a> World<'a> {
     /// Runs `samples` samples, and reads the probe's channels every 5 ms.
     ///
     /// # Errors
-    /// The errors of [`sample`](Self::sample).
+    /// The same errors as in [`sample`](Self::sample).
     pub fn run(&mut self, samples: u64) -> Result<(), Ended> {
         for n in 0..samples {
             self.sample()?;

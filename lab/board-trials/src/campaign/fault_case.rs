@@ -16,7 +16,8 @@ pub enum Before {
     Pressed,
     /// Armed. A push with 48 % of the full force moves the handle to the wall.
     Moving,
-    /// Off. The fault begins before `arm`. The time of the fault counts from the cycle at which enable becomes active.
+    /// Off. The fault begins before `arm`. The time of the fault is counted from the cycle at which enable becomes
+    /// active.
     Off,
 }
 
@@ -35,19 +36,19 @@ pub struct FaultCase {
     /// Name in reports, unique among the cases.
     pub name: &'static str,
     pub code: u32,
-    /// All codes that `faults` must list; empty if only `code`.
+    /// All codes that `faults` must list. The list is empty if `faults` must list only `code`.
     pub all: &'static [u32],
-    /// Longest time until enable is inactive, us. The output code is then zero too. If hardware alone has switched
-    /// enable off, the code is zero within one more output.
+    /// Longest allowed time from the fault until enable is inactive, in us. The output code is then zero too. If
+    /// hardware alone has switched enable off, the code is zero within one more output.
     pub limit_us: f64,
-    /// Time for which the program is halted, us. A halted program cannot write an output code.
+    /// Time for which the program is halted, in us. A halted program cannot write an output code.
     pub halted_us: f64,
     pub before: Before,
     pub begin: Begin,
-    /// Replaces `begin`: causes the fault at once, between two outputs.
+    /// If present, this function is called in place of `begin`. It causes the fault at once, between two outputs.
     pub cause: Option<Cause>,
     pub end: End,
-    /// Whether `clear` is refused as long as the cause is present.
+    /// Whether the cause remains. The board then refuses `clear` until the cause has ended.
     pub stays: bool,
     /// Whether the fault ends in a reset, which clears RAM.
     pub resets: bool,
@@ -55,7 +56,7 @@ pub struct FaultCase {
 }
 
 impl FaultCase {
-    /// A case with the default values: the handle is pressed into the wall, and only the fault `code` is expected.
+    /// A case with the default values. The handle is pressed into the wall, and only the fault `code` is expected.
     pub(super) const fn of(name: &'static str, code: u32, limit_us: f64, begin: Begin) -> Self {
         Self {
             name,
@@ -103,23 +104,25 @@ impl FaultCase {
     }
 }
 
-/// Length of a sample. The simulation runs in samples, so an observation may be one sample old.
+/// Length of a sample, in us. The simulation runs in whole samples, so an observation may be one sample old.
 const GRID_US: f64 = 100.0;
-/// Limit for a fault that the sampling task finds.
+/// Time limit for a fault that the sampling task finds, in us.
 pub const SAMPLE_US: f64 = 100.0 + GRID_US;
-/// Limit for a fault that an output finds: one output period and one sample.
+/// Time limit for a fault that an output finds, in us: one output period and one sample.
 pub const RENDER_US: f64 = 1_100.0 + GRID_US;
-/// Limit for a fault that hardware handles without an instruction.
+/// Time limit for a fault that hardware handles without an instruction, in us.
 pub const AT_ONCE_US: f64 = 1.0;
-/// Limit from a jump of the program counter to the handler's first store.
+/// Time limit from a jump of the program counter to the first store of the fault handler, in us.
 const HANDLER_US: f64 = 2.0;
-/// Limit for the supply detector's interrupt. The interrupt waits until a running `render` has ended, and while the
+/// Time limit for the interrupt of the supply detector, in us. The interrupt waits while `render` runs, and while the
 /// logger masks interrupts.
 pub const BROWN_OUT_US: f64 = 60.0;
-/// Limit for the watchdog: its timeout at the nominal clock, plus the output period in which the watchdog was last fed.
+/// Time limit for the watchdog, in us. It is the timeout at the nominal clock, plus the output period in which the
+/// watchdog was last fed.
 pub const WATCHDOG_US: f64 = 51_000.0;
 
-/// Limit for a fault that stops the processor: the timeout of the output watchdog (contract.rs), plus one sample.
+/// Time limit for a fault that stops the processor, in us: the timeout of the output watchdog (contract.rs), plus one
+/// sample.
 pub const OUTPUT_WATCHDOG_US: f64 = zwidth::period::OUTPUT_WATCHDOG_US as f64 + GRID_US;
 
 pub(super) const FAULT_CASES: [FaultCase; 29] = [
@@ -189,7 +192,7 @@ pub(super) const FAULT_CASES: [FaultCase; 29] = [
     FaultCase::of("late render", 20, RENDER_US, |_, world| mask_render(world, 15)),
     FaultCase::of("stuck render, 15 periods", 20, RENDER_US, |_, world| mask_render(world, 150))
         .all(&[20, 21]),
-    // `render` must stay masked. Otherwise `render` would write code 20 into the fault memory.
+    // `render` must stay masked. Otherwise it would write code 20 into the fault memory.
     FaultCase::of("stuck render, for ever", 22, RENDER_US, |_, world| mask_render(world, 700))
         .resets()
         .long(),
@@ -271,7 +274,7 @@ const fn hard_fault(name: &'static str, begin: Begin) -> FaultCase {
     FaultCase::of(name, 42, HANDLER_US, begin).all(&[23, 42]).resets()
 }
 
-/// A fault that the sign test has to find.
+/// A fault that the sign test after `arm` has to find.
 const fn at_arm(name: &'static str, begin: Begin, end: End) -> FaultCase {
     FaultCase::of(name, 14, 100_000.0 + RENDER_US, begin).before(Before::Off).until(end)
 }
@@ -297,7 +300,7 @@ pub(super) fn stop(world: &mut World<'_>) -> Result<u64, Failed> {
     Ok(begun)
 }
 
-/// A supply that drops, and is restored at the end.
+/// A fault in which the supply drops. The supply is restored at the end.
 const fn brown_out(name: &'static str, begin: Begin) -> FaultCase {
     FaultCase::of(name, 31, BROWN_OUT_US, begin).until(recover)
 }
@@ -320,8 +323,8 @@ fn counts(world: &mut World<'_>) -> Result<i32, Failed> {
     count.ok_or_else(|| Failed::Refused(format!("no position in: {status}")))
 }
 
-/// Addresses of the words in which `sample` stores the position: in the encoder, and in the report of the last output.
-/// The words are found by their values, while the handle is held.
+/// Addresses of the words in which `sample` stores the position. One word is in the encoder's state, another in the
+/// report of the last output. The search compares their values while the handle is held.
 fn position_words(elf: &Elf, world: &mut World<'_>) -> Result<Vec<u32>, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let before = world.snapshot();
@@ -366,7 +369,7 @@ fn mask_render(world: &mut World<'_>, samples: u64) -> Result<u64, Failed> {
     Ok(begun)
 }
 
-/// Makes the program counter jump to the panic handler.
+/// Makes the program counter jump to the panic handler while `exception` runs.
 fn panic_in(elf: &Elf, world: &mut World<'_>, exception: u16) -> Result<u64, Failed> {
     lose_the_way(world, exception, elf.place_of("rust_begin_unwind")?.0)
 }

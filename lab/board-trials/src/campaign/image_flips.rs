@@ -13,17 +13,18 @@ use super::{
 };
 use crate::random::Random;
 
-/// Longest time of one complete image check at output period 10, s. No wrong force may last longer.
+/// Longest time that one complete image check takes at output period 10, in s. No wrong force may last longer.
 pub const PASS_S: f64 = 0.2;
-/// Samples for which a flip is watched. The firmware needs fewer samples to detect an image check that does not end.
+/// Number of samples for which the board is watched after a flip. The firmware needs fewer samples to detect an image
+/// check that does not end.
 pub const WATCHED: u64 = LONGEST as u64 + 1_000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Part {
-    /// Vector table, and the checksum after it.
+    /// The vector table and the checksum that follows it.
     Vectors,
-    /// Instructions, and data between instructions.
+    /// The instructions and the data between them.
     Code,
     Constants,
     /// Initial values that are copied to RAM at boot.
@@ -103,12 +104,12 @@ pub struct ImageFlip {
 
 /// The words of the image in which a bit can flip.
 pub struct Image {
-    /// Address ranges: first address, and the address after the last.
+    /// The address range of each part: its first address, and the address after its last byte.
     spans: Vec<(Part, [u32; 2])>,
 }
 
 impl Image {
-    /// The words of an ELF that the board checks while it runs.
+    /// Finds the words of an ELF that the board checks while it runs.
     ///
     /// # Errors
     /// The ELF has no checksum.
@@ -127,7 +128,8 @@ impl Image {
         Ok(Self { spans })
     }
 
-    /// The word with this number, counted through all parts.
+    /// Finds a word by its number. The words of all parts are counted as one sequence. Returns the part and the
+    /// address.
     fn word(&self, mut number: u32) -> Option<(Part, u32)> {
         self.spans.iter().find_map(|&(part, [from, to])| {
             let words = (to - from) / 4;
@@ -143,7 +145,7 @@ impl Image {
     }
 }
 
-/// Runs flip `number` of a seed. Each bit of the image has the same probability.
+/// Runs the flip with this number from this seed. Each bit of the image has the same probability.
 ///
 /// # Errors
 /// The board does not reach the time of the flip.

@@ -17,16 +17,16 @@ use zwidth::{
 use super::row::Row;
 use crate::random::Random;
 
-/// Sectors 1 and 2, 16 KiB each.
+/// Start of the flash sectors 1 and 2, which store the settings. Each sector has 16 KiB.
 const SECTOR_A: u32 = 0x0800_4000;
 const SECTOR_B: u32 = 0x0800_8000;
 const SECTOR_WORDS: usize = 4096;
-/// Backup RAM, 4 KiB.
+/// Start of the backup RAM, which has 4 KiB.
 pub(super) const BACKUP: u32 = 0x4002_4000;
 const BACKUP_WORDS: u32 = 1024;
-/// Number of random contents that are tried.
+/// Number of random contents that are tried for each memory.
 const RANDOM: usize = 16;
-/// Samples until the board has booted. With any contents of flash, the boot takes 12 ms at most.
+/// Number of samples after which the board has booted. With any contents of flash, the boot takes 12 ms at most.
 const BOOT: u64 = 150;
 
 const NO_FAULT: &str = "ok status off, fault none";
@@ -67,7 +67,7 @@ fn record(world: &World<'_>, sequence: u32, stiffness_n_per_m: f64) -> [u32; REC
 
 /// The board's replies after a boot.
 struct Booted {
-    /// Reply that names the source of the settings.
+    /// The reply that says where the settings come from.
     loaded: String,
     stiffness: String,
     status: String,
@@ -115,8 +115,8 @@ fn booted(world: &mut World<'_>) -> Result<Booted, Failed> {
     Ok(Booted { loaded, stiffness, status })
 }
 
-/// Flips all bits of each byte of the newest record. The flips are done with an older record in flash, and without an
-/// older record.
+/// Flips all bits of each byte of the newest record. Each flip is tried twice: with an older record in flash, and
+/// without one.
 ///
 /// # Errors
 /// The board uses settings that are neither the older ones nor the defaults, or the board does not report the damage.
@@ -152,7 +152,7 @@ impl Booted {
 /// Cuts the power during a save: before, during and after each word that the board writes.
 ///
 /// # Errors
-/// After the cut the board uses neither the older nor the newer settings.
+/// After the cut, the board uses settings that are neither the older ones nor the newer ones.
 pub fn cut_every_word(world: &mut World<'_>, step: usize) -> Result<usize, Failed> {
     let older = record(world, 1, 1000.0);
     let states = save(world, &older)?;
@@ -187,8 +187,8 @@ pub fn cut_every_word(world: &mut World<'_>, step: usize) -> Result<usize, Faile
     Ok(cuts.len())
 }
 
-/// Lets the board save. Returns the words at the address of the new record: before the first store, and after each
-/// store.
+/// Lets the board save its settings. Returns the words at the address of the new record, as they are before the first
+/// store and after each store.
 fn save(
     world: &mut World<'_>,
     older: &[u32; RECORD_WORDS],
@@ -218,8 +218,8 @@ fn save(
     Ok(states)
 }
 
-/// Cuts the power in an erase. Before a save, the board erases the sector without the newest record. So a cut damages
-/// only this sector.
+/// Cuts the power while the board erases a sector. Before a save, the board erases the sector that does not hold the
+/// newest record. So a cut damages only this sector.
 ///
 /// # Errors
 /// After the cut the board does not use the newest settings.
@@ -245,11 +245,11 @@ pub fn cut_an_erase(world: &mut World<'_>) -> Result<usize, Failed> {
 }
 
 /// Stores a whole record with one invalid value. If the value belongs to the control loop, the board must use the
-/// defaults and report this. If the value belongs to an experiment, the board may use the other settings, but must
-/// refuse the experiment.
+/// defaults and report this. If the value belongs to an experiment, the board may use the other settings of the record,
+/// but must refuse the experiment.
 ///
 /// # Errors
-/// The board uses other settings.
+/// The board uses settings that this rule does not allow.
 pub fn take_what_is_not_allowed(world: &mut World<'_>) -> Result<usize, Failed> {
     const NUMBERS: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
     type Put = fn(&mut Stored, f64);

@@ -12,9 +12,9 @@ use super::{
     situation::Situation,
 };
 
-/// Full force of the motor as the firmware stores it.
+/// The integer that the firmware stores for the full force of the motor.
 const FULL_SCALE: u32 = 1 << 30;
-/// Part of the names of the symbols for the queues and the state of `render`.
+/// Parts of symbol names. `QUEUES` finds the queues, `RENDER_STATE` finds the state of `render`.
 const QUEUES: &str = "queues";
 const RENDER_STATE: &str = "local_resource_render";
 
@@ -29,13 +29,13 @@ pub fn memory_rows() -> Vec<Row> {
     ]
 }
 
-/// The index that a search has found, as `u32`. If no index was found, an error with the text `nothing`.
+/// Converts the index that a search has found to `u32`. If the search has found none, the error has the text `nothing`.
 fn found(place: Option<usize>, nothing: &str) -> Result<u32, Failed> {
     let place = place.and_then(|place| u32::try_from(place).ok());
     place.ok_or_else(|| Failed::Refused(nothing.into()))
 }
 
-/// Types each line. Calls a function with the board after each line.
+/// Types the lines one by one. After each line, calls a function with the board and collects its results.
 fn after_each<T>(
     world: &mut World<'_>,
     lines: &[&str],
@@ -49,8 +49,8 @@ fn after_each<T>(
     lines.iter().map(look).collect()
 }
 
-/// Flips the motor sign. A change of the sign, with the force off, shows which byte stores the sign. Then this byte is
-/// flipped with the force on.
+/// Flips the motor sign in memory. First the sign is changed on the console with the force off, which shows the byte
+/// that stores the sign. Then this byte is flipped with the force on.
 fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, size) = elf.place_of(RENDER_STATE)?;
@@ -69,7 +69,7 @@ fn bytes_of(world: &World<'_>, from: u32, size: u32) -> Vec<u8> {
     bytes
 }
 
-/// Flips a bit of the running hit's push. The bit has the value of half of full scale.
+/// Flips a bit in the push of the running hit. The bit stands for half of the full-scale force.
 fn push(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let (plan, words) = hit_plan(elf, world)?;
     let full_n = world.full_scale_n();
@@ -84,9 +84,9 @@ fn push(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Flips a bit of the word for the phase of a hit: return move or push. With the flipped bit the push stops, and the
-/// hit never ends. The word is stored just before the hit's plan. Its value is 2 during the push, and 0 or 1 before the
-/// push.
+/// Flips a bit of the word that stores the phase of a hit, which is return move or push. With the flipped bit the push
+/// stops, and the hit never ends. The word is stored just before the hit's plan. Its value is 2 during the push, and 0
+/// or 1 before the push.
 fn phase(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let pushes = words_of(elf, world, RENDER_STATE)?.1;
     let before = world.snapshot();
@@ -102,8 +102,8 @@ fn phase(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Offset of the running hit's plan in the memory of `render`, and the words of the plan. The memory has two copies of
-/// the plan, one directly after the other.
+/// Finds the plan of the running hit. Returns the plan's offset in the memory of `render`, and the words of the plan.
+/// The memory has two copies of the plan, one directly after the other.
 fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [u32; 4]), Failed> {
     let (from, words) = words_of(elf, world, RENDER_STATE)?;
     let twice = |pair: &[u32]| {
@@ -114,9 +114,9 @@ fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [u32; 4]), Failed> {
     Ok((from + 4 * offset, [0, 1, 2, 3].map(|n| words[offset as usize + n])))
 }
 
-/// Flips a bit of the word that stores the encoder's count at position 0. The bit has the value of 128 counts. The
-/// word is found by its values, with the force off. It changes with each `zero`, but not while the handle moves. It is
-/// always the difference of two other words: the last count, and the position.
+/// Flips a bit of the word that stores the encoder's count at position 0. The bit stands for 128 counts. The search for
+/// the word compares values with the force off. The word changes with each `zero`, but not while the handle moves. It
+/// is always the difference of two other words: the last count, and the position.
 fn origin(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, _) = elf.place_of(SAMPLE_STATE)?;
@@ -148,8 +148,8 @@ fn origin(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Flips a bit of the supervisor's state, which is stored in two equal bytes: 0 off, 1 sign test, 3 armed. The flip
-/// changes one of the two bytes from 3 to 1.
+/// Flips a bit of the supervisor's state, which is stored in two equal bytes. Their values are 0 for off, 1 for the
+/// sign test and 3 for armed. The flip changes one of the two bytes from 3 to 1.
 fn state(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, size) = elf.place_of(RENDER_STATE)?;
@@ -166,8 +166,9 @@ fn state(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Flips the index of the queue of orders. The index then points to the queue's other entry, an old order. The index
-/// is found by its values, with the force off. It changes with each order, and only then.
+/// Flips the index of the queue of orders. The index then points to the other entry of the queue, which is an old
+/// order. The search for the index compares values with the force off, because the index changes with each order and at
+/// no other time.
 fn order(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     ask(world, "disarm")?;

@@ -23,13 +23,13 @@ const DIER: u32 = 0x0C;
 const ARR: u32 = 0x2C;
 /// The register that holds the address of the vector table.
 const VTOR: u32 = 0xE000_ED08;
-/// Erased flash. If the vector table is here, all vectors are words of ones.
+/// An address in erased flash. If the vector table is moved there, all bits of all vectors are ones.
 const ERASED: u32 = 0x0807_0000;
-/// PendSV, and the interrupt of TIM7. The firmware has no task for PendSV or TIM7.
+/// Exception numbers of PendSV and of TIM7's interrupt. The firmware has no task for either of them.
 const PEND_SV: u16 = 14;
 const TIM7: u16 = 16 + 55;
 
-/// The watchdog's bit in DBGMCU.
+/// The bit in DBGMCU that stops the watchdog while a debugger halts the core.
 const WATCHDOG_STOPS: u32 = 1 << 12;
 
 pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
@@ -137,7 +137,7 @@ fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> Result<u64, Fail
     Ok(begun)
 }
 
-/// A case in which `cause` causes the fault at once. The fault ends in a reset.
+/// A case in which `cause` causes the fault at once. The fault ends in a reset of the board.
 const fn at_once(name: &'static str, code: u32, limit_us: f64, cause: Cause) -> FaultCase {
     let begin: Begin = |_, world| Ok(world.powered.mcu.now());
     FaultCase { cause: Some(cause), ..FaultCase::of(name, code, limit_us, begin).resets() }
@@ -164,8 +164,8 @@ fn pend(world: &mut World<'_>, exception: u16) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Address of the word in which `sample` stores the number of the next due sample. Several words grow by 10 every 10
-/// samples. The largest of their values is the number of the next due sample.
+/// Finds the word in which `sample` stores the number of the next sample that has an output. Several words grow by 10
+/// every 10 samples. The word with the largest value is the one.
 fn next_due(elf: &Elf, world: &mut World<'_>) -> Result<u32, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let mut seen = Vec::new();

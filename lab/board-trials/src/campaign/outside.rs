@@ -1,5 +1,5 @@
-//! Faults outside the chip, at its host and in RTT's control block. This file also has pairs of faults: the emergency
-//! stop with another fault.
+//! Faults outside the chip, at its host and in RTT's control block. This file also has pairs of faults, in which the
+//! emergency stop comes together with another fault.
 
 use virtual_board::{
     board::{Board, Force, Powered},
@@ -14,21 +14,23 @@ use super::{
     row::{Row, SOON_S},
 };
 
-/// Limit for an encoder whose count does not change, s: the time of the check for a push without motion, and one
-/// output.
+/// Time limit for an encoder whose count does not change, in s. It is the time after which a push without motion is a
+/// fault, plus one output.
 const STUCK_S: f64 = 0.0525;
-/// Limit for a count that moves too little, s: the rest of the present span of 50 ms, and the next span.
+/// Time limit for a count that moves less than the handle, in s. The check compares in spans of 50 ms, so the limit is
+/// the rest of the present span plus the next span.
 const SHORT_OF_S: f64 = 0.1025;
-/// Limit for a measured current that is wrong by a third of full scale, s. The limit includes the 13 ms over which the
-/// board takes the mean of the current.
+/// Time limit for a measured current that is wrong by a third of full scale, in s. The limit includes the 13 ms over
+/// which the board takes the mean of the current.
 const SENSED_S: f64 = 0.018;
-/// Samples for which the host reads nothing and sends without a pause.
+/// Number of samples for which the host reads nothing and sends without a pause.
 const FLOOD_SAMPLES: u64 = 4_000;
 const FLOOD_S: f64 = FLOOD_SAMPLES as f64 * 1e-4;
-/// Limit for a fault that is found only by the motion of the plant, s.
+/// Time limit for a fault that is found only by the motion of the plant, in s.
 const EVER_S: f64 = 1.3;
 
-/// All rows of this file. `current_sense`: whether the board measures the amplifier's current.
+/// All faults of this file, as rows of the campaign. `current_sense` tells whether the board measures the amplifier's
+/// current.
 pub fn outside(board: Board, current_sense: bool) -> Vec<Row> {
     let mut rows = memory_rows();
     rows.extend(everywhere());

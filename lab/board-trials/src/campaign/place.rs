@@ -10,15 +10,15 @@ use virtual_board::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Region {
-    /// Data that `sample` stores between two samples.
+    /// Data that `sample` keeps from one sample to the next.
     Sample,
-    /// Data that `render` stores between two outputs. Data that only telemetry and black box use is left out.
+    /// Data that `render` keeps from one output to the next, except for data that only telemetry and black box use.
     Render,
     /// Data that tasks pass to each other.
     Between,
-    /// Statics of console, logger and RTT.
+    /// The statics of the console, the logger and RTT.
     Link,
-    /// Statics of all other parts.
+    /// The statics of all other parts of the program.
     Other,
     /// The stack, from the stack pointer to its end.
     Stack,
@@ -78,15 +78,16 @@ impl Region {
 
 pub struct Places {
     words: [Vec<u32>; REGIONS.len()],
-    /// Bits of the peripherals' registers that can change.
+    /// The bits that a flip can change in the registers of peripherals. Each has the register's address and the bit's
+    /// number.
     pub bits: Vec<(u32, u8)>,
-    /// Bits of the independent watchdog's reload register that can change.
+    /// The bits that a flip can change in the reload register of the independent watchdog.
     pub watchdog: Vec<(u32, u8)>,
     /// Address after the last word of the stack.
     pub stack_end: u32,
 }
 
-/// A block of registers: name, base address, offsets.
+/// A block of registers: its name, its base address, and the offset of each register.
 type Block = (&'static str, u32, &'static [u16]);
 
 const BLOCKS: [Block; 19] = [
@@ -126,8 +127,9 @@ const BLOCKS: [Block; 19] = [
     ("core", 0xE000_E000, &[0x10, 0x100, 0x104, 0x108, 0x200, 0x204, 0x208, 0x400, 0x424, 0x430]),
 ];
 
-/// The independent watchdog. The list has only RLR, which needs a key for stores. PR is left out, because the emulator
-/// never ends if the new divider is smaller than the divider's present count.
+/// The independent watchdog. Its only listed register is RLR, which the program can change only after it has written a
+/// key. PR is left out, because the emulator never returns if the new divider is smaller than the divider's present
+/// count.
 const IWDG: Block = ("IWDG", 0x4000_3000, &[0x08]);
 /// Address of the watchdog's reload register RLR.
 pub(super) const WATCHDOG_RELOAD: u32 = 0x4000_3008;
@@ -137,11 +139,13 @@ const IWDG_OPEN: u32 = 0x5555;
 const RAM_END: u32 = 0x2002_0000;
 const AIRCR: u32 = 0xE000_ED0C;
 const AIRCR_KEY: u32 = 0x05FA_0000;
-/// Distance from a set register of the NVIC to its clear register, bytes.
+/// The NVIC has one register to set bits and another to clear the same bits. Their addresses differ by this number of
+/// bytes.
 const NVIC_CLEARS: u32 = 0x80;
 
 impl Places {
-    /// The words and bits of a board whose program has read the words `read`.
+    /// Lists the words and bits of a board in which a bit can flip. `read` has the words of RAM that its program has
+    /// read.
     pub fn new(elf: &Elf, world: &mut World<'_>, read: &[u32]) -> Self {
         let stack_end = elf.address_of("_stack_start").unwrap_or(RAM_END);
         let statics = elf.address_of("__sheap").unwrap_or(stack_end);
@@ -173,8 +177,8 @@ impl Places {
     }
 }
 
-/// Flips a bit of a register. Some registers have separate addresses to set and to clear bits, and some need a key. The
-/// function then uses these addresses or the key.
+/// Flips a bit of a register. For some registers, bits are set at one address and cleared at another, and some need a
+/// key. This function does what the register needs.
 pub fn flip_register(world: &mut World<'_>, address: u32, bit: u8) {
     let mcu = &mut world.powered.mcu;
     let (was, one) = (mcu.peek(address), 1 << bit);
@@ -213,7 +217,8 @@ pub(super) fn flip_word(world: &mut World<'_>, address: u32, bit: u8) {
     world.powered.mcu.write(address, &flipped.to_le_bytes());
 }
 
-/// Number of core registers: 13 general ones, stack pointer, link register, program counter, xPSR and the masks.
+/// Number of core registers in which a bit can flip: 13 general ones, stack pointer, link register, program counter,
+/// xPSR and the interrupt masks.
 pub const CORE_REGISTERS: u8 = 20;
 
 /// Flips a bit of a core register. Returns the register's name.
@@ -243,8 +248,8 @@ pub fn flip_core(world: &mut World<'_>, register: u8, bit: u8) -> String {
     .into()
 }
 
-/// Flips a bit of S0 to S31 (kind 0, with the number `float`), of FPSCR (kind 1) or of CONTROL. Returns the register's
-/// name.
+/// Flips a bit of a further register. Kind 0 is the floating-point register with the number `float`, kind 1 is FPSCR,
+/// and any other kind is CONTROL. Returns the register's name.
 pub fn flip_further(world: &mut World<'_>, (kind, float): (u8, u8), bit: u8) -> String {
     let mcu = &mut world.powered.mcu;
     match kind {

@@ -1,4 +1,4 @@
-//! Random flips of single bits: where, when, and with which result.
+//! Random flips of single bits. The file chooses place and time of each flip, and measures its result.
 
 use host_sim::error::Error;
 use virtual_board::world::World;
@@ -13,17 +13,17 @@ use super::{
 };
 use crate::random::Random;
 
-/// Longest time for which a flip is watched, samples. If the force is right at half of this time, the watch ends there.
-/// The independent watchdog needs less than half of this time.
+/// Longest time for which the board is watched after a flip, in samples. If the force is right after half of this time,
+/// the watch ends then. The independent watchdog needs less than half of this time.
 pub const WATCHED: u64 = 1_200;
-/// Number of start times in each situation.
+/// Number of start times from which flips are tried in each situation.
 pub const STARTS: usize = 16;
-/// Longest time for which a wrong force is allowed, s.
+/// Longest time for which a wrong force is allowed, in s.
 const ALLOWED_S: f64 = 3e-3;
 
-/// One in `FURTHER` flips in the core is in S0 to S31, FPSCR or CONTROL, each with the same probability. One in
-/// `WATCHDOG` flips in the peripherals is in the watchdog. The watchdog has about this share of the bits. The other
-/// flips do not depend on these two numbers.
+/// Of the flips in the core, one in `FURTHER` is in S0 to S31, FPSCR or CONTROL, each with the same probability. Of the
+/// flips in the peripherals, one in `WATCHDOG` is in the watchdog. The watchdog has about this share of the bits. The
+/// other flips do not depend on these two numbers.
 const FURTHER: u64 = 8;
 const WATCHDOG: u64 = 64;
 
@@ -34,8 +34,8 @@ pub struct Flip {
     pub verdict: Verdict,
 }
 
-/// Runs from a start to a random time in the next ten samples; if `working`, an instruction begins at this time.
-/// Returns this time, and the time since the start, in cycles.
+/// Runs from a start to a random time in the next ten samples. If `working` is true, an instruction begins at this
+/// time. Returns this time, and the time since the start, both in cycles.
 ///
 /// # Errors
 /// The program ended.
@@ -57,7 +57,7 @@ pub fn run_to_flip(
     Ok((begun, begun - begin))
 }
 
-/// Runs flip `number` of a seed. Region and situation follow from the number. The rest is random.
+/// Runs the flip with this number from this seed. The number decides the region and the situation. The rest is random.
 pub fn flip(
     world: &mut World<'_>,
     (stages, places): (&[Stage], &Places),

@@ -1,4 +1,4 @@
-//! Faults in registers: a register gets a value that the program has not set.
+//! Faults in registers. A register gets a value that the program has not set.
 
 use virtual_board::{
     board::{Board, Force},
@@ -20,16 +20,16 @@ const NVIC_PRIORITIES: u32 = 0xE000_E400;
 
 #[derive(Clone, Copy, Debug)]
 pub enum Change {
-    /// These bits are flipped.
+    /// Flips these bits of the register.
     Flip(u32),
-    /// The register gets this value.
+    /// Writes this value into the register.
     Be(u32),
 }
 use Change::{Be, Flip};
 
 #[derive(Clone, Copy, Debug)]
 pub struct RegisterRow {
-    /// Name, as reports print it.
+    /// Name of the fault in reports.
     pub name: &'static str,
     pub address: u32,
     pub change: Change,

@@ -32,48 +32,50 @@ use crate::threads::cores;
 pub struct Campaign {
     #[arg(long, help = format!("One board, {}; both if not given", Board::names(" or ")))]
     board: Option<String>,
-    /// The firmware; built if not given.
+    /// The firmware's ELF. It is built if this option is missing.
     #[arg(long, requires = "board")]
     elf: Option<PathBuf>,
-    /// Named faults, separated by commas, each with dashes between its words, such as `no-sample-is-due`; or `all`,
-    /// `none`.
+    /// Named faults, separated by commas, or `all` or `none`. A name has dashes between its words, such as
+    /// `no-sample-is-due`.
     #[arg(long, value_name = "LIST", default_value = "all", value_delimiter = ',')]
     rows: Vec<String>,
     /// Number of random flips of single bits, per board.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
     random: u64,
-    /// Number of random flips of single bits of the program in flash, in contact, per board.
+    /// Number of random flips of single bits in the program in flash, per board. The handle is in contact.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
     image: u64,
-    /// Every N-th bit that `sample` keeps, at several cutoffs, estimators and output periods; 1: every bit, 0: none.
+    /// Flip every N-th bit of the data that `sample` keeps, at several cutoffs, estimators and output periods. 1 flips
+    /// every bit, 0 flips none.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000))]
     sample_bits: u64,
-    /// Only the setups with these words, as "period 1, cutoff 50" or "kalman".
+    /// Use only the setups whose console lines contain these words, such as "period 1, cutoff 50" or "kalman".
     #[arg(long, value_name = "WORDS", requires = "sample_bits", default_value = "")]
     setup: String,
-    /// Seed of the random flips: the same number gives the same flips.
+    /// Seed of the random flips. The same number gives the same flips.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// Number of the first random flip, to run one flip again.
+    /// Number of the first random flip. With this option one flip can be run again.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
     first: u64,
-    /// The board measures the amplifier's current: half the analogue supply at rest, 80 % of it at full command.
+    /// The board measures the amplifier's current. The current signal is half of the analogue supply at rest and 80 %
+    /// of it at full command.
     #[arg(long)]
     current_sense: bool,
-    /// Worker threads; the results do not depend on them. Default: all cores.
+    /// Number of worker threads. The results do not depend on it. The default is the number of cores.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
-    /// One JSON object on stdout, and nothing else there.
+    /// Print one JSON object on stdout, and nothing else there.
     #[arg(long)]
     pub json: bool,
 }
 
-/// Largest allowed share of flips whose wrong force stays on. `LATE_MOST` is the largest allowed share of flips that
-/// are off late.
+/// Largest allowed share of flips after which a wrong force stays on. `LATE_MOST` is the largest allowed share of flips
+/// after which the force is off too late.
 const UNNOTICED_MOST: f64 = 1e-3;
 const LATE_MOST: f64 = 5e-3;
-/// With at least this number of flips, the share itself must be below the limit. With fewer flips, the lower end of its
-/// 95 % interval must be below the limit.
+/// If there are at least this many flips, the share itself must be below the limit. If there are fewer, the lower end
+/// of the share's 95 % interval must be below the limit.
 const MANY: u64 = 10_000;
 
 #[derive(Serialize)]
@@ -96,9 +98,9 @@ struct RowJson {
     situation: Situation,
     #[serde(flatten)]
     verdict: Verdict,
-    /// Region of a random flip; null for a named fault.
+    /// The region in which the bit flipped. It is null for a named fault.
     region: Option<Region>,
-    /// Why a named fault is never found in this situation.
+    /// The reason why a named fault is never found in this situation. It is null if the fault must be found.
     reason: Option<&'static str>,
 }
 
@@ -116,11 +118,12 @@ struct ClassJson {
 #[derive(Serialize)]
 struct RegionJson {
     board: &'static str,
-    /// Null: all regions.
+    /// The region that is counted. Null stands for all regions together.
     region: Option<Region>,
     flips: u64,
     counts: Tally<Class>,
-    /// Shares with their 95 % intervals.
+    /// Share of these flips after which the force was off too late, and the ends of its 95 % interval. `unnoticed` is
+    /// the same for a wrong force that stayed on.
     off_late: [f64; 3],
     unnoticed: [f64; 3],
 }
@@ -129,17 +132,17 @@ struct RegionJson {
 #[derive(Serialize)]
 struct PartJson {
     board: &'static str,
-    /// Null: all parts.
+    /// The part that is counted. Null stands for all parts together.
     part: Option<Part>,
     flips: u64,
     ends: Tally<End>,
-    /// Share of flips whose force was wrong until the check found the flip, with its 95 % interval.
+    /// Share of flips for which the force was wrong until the check found the flip, and the ends of its 95 % interval.
     wrong: [f64; 3],
-    /// Longest time of a wrong force, s.
+    /// Longest time of a wrong force, in s.
     wrong_s: f64,
-    /// Largest speed that a wrong force gives the handle, m/s.
+    /// Largest speed that a wrong force gives the handle, in m/s.
     speed_m_per_s: f64,
-    /// Longest time from a flip to off, s.
+    /// Longest time from a flip until the force is off, in s.
     off_s: f64,
 }
 
@@ -182,8 +185,8 @@ impl<K: Ord> Tally<K> {
 /// Runs the campaign.
 ///
 /// # Errors
-/// Bad input, Ctrl-C, or a fault outside its limits: a fault that is found late or never, or that lets the handle gain
-/// speed.
+/// The input is bad, the user pressed Ctrl-C, or a fault exceeds its limits. Such a fault is found late or never, or
+/// lets the handle gain too much speed.
 pub fn execute(options: &Campaign) -> Result<(), Error> {
     let begun = Instant::now();
     let boards = match &options.board {
@@ -335,7 +338,7 @@ impl Json {
     }
 }
 
-/// The scene of the board's own device, with the amplifier's current signal if `current_sense`.
+/// The scene of the board's own device. With `current_sense`, the amplifier of this scene has a current signal.
 pub(super) fn scene(board: Board, current_sense: bool) -> Result<NamedScene, Error> {
     let mut named = NamedScene::load(board.name)?;
     if current_sense {
@@ -382,7 +385,7 @@ impl ClassJson {
 }
 
 impl RegionJson {
-    /// Text about the shares above their limits; `None` if no share is above its limit.
+    /// A text that names each share above its limit. `None` if no share is above its limit.
     fn wrong(&self) -> Option<String> {
         let much =
             |[share, low, _]: [f64; 3], most| (if self.flips < MANY { low } else { share }) > most;
@@ -397,7 +400,7 @@ impl RegionJson {
     }
 }
 
-/// A share with its 95 % interval by Wilson's formula.
+/// The share `of / all`, and the lower and upper end of its 95 % interval by Wilson's formula.
 fn share(of: u64, all: u64) -> [f64; 3] {
     const Z: f64 = 1.96;
     if all == 0 {
@@ -511,7 +514,8 @@ mod tests {
         }
     }
 
-    /// For 0 of 10,000, Wilson's interval ends at z^2 / (n + z^2). For half of all, the interval is symmetric.
+    /// With no case of n = 10,000, Wilson's interval ends at z^2 / (n + z^2). With half of all cases, the interval is
+    /// symmetric.
     #[test]
     fn a_share_has_its_interval() {
         let [share_0, low, high] = share(0, 10_000);

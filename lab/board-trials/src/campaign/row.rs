@@ -4,12 +4,13 @@ use virtual_board::{elf::Elf, session::Failed, world::World};
 
 use super::situation::Situation;
 
-/// Time limit of a fault that is found at any motion of the plant, s. The limit includes one sample of the simulation.
+/// Time limit of a fault that must be found with any motion of the handle, in s. The limit includes one sample of the
+/// simulation.
 pub const SOON_S: f64 = 3e-3;
 pub(super) const GRID_S: f64 = 1e-4;
 
 type Begin = dyn Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync;
-/// Returns the number of tried cases, or the first error.
+/// A test that damages stored data. It returns the number of cases that it tried, or the first error.
 type Keeps = fn(&mut World<'_>) -> Result<usize, Failed>;
 
 /// A fault with its name and limits.
@@ -17,9 +18,9 @@ pub struct Row {
     /// Name in reports, unique among the rows.
     pub name: String,
     pub begin: Box<Begin>,
-    /// Longest time to off, s.
+    /// Longest allowed time from the fault until the force is off, in s.
     pub limit_s: f64,
-    /// Why the fault is never found: in free motion, and in contact.
+    /// The reason why the fault is never found. The first entry is for free motion, the second for contact.
     pub never: [Option<&'static str>; 2],
     /// Whether the force is off before the fault.
     pub from_off: bool,
@@ -27,7 +28,7 @@ pub struct Row {
     pub only_free: bool,
     /// Whether the fault is not injected at the full force.
     pub not_full: bool,
-    /// Test that replaces `begin`. The test damages stored data many times, with the force off.
+    /// A test that is run in place of `begin`. It damages stored data many times, with the force off.
     pub keeps: Option<Keeps>,
 }
 
@@ -50,7 +51,7 @@ impl Row {
         }
     }
 
-    /// A row whose fault begins at once.
+    /// A row whose fault begins at the moment when it is caused.
     pub fn at_once(
         name: impl Into<String>,
         limit_s: f64,
@@ -63,7 +64,8 @@ impl Row {
         Self::of(name, limit_s, begin)
     }
 
-    /// A row that starts with the force off. The force must stay off. Stored data must then be as saved, or be missing.
+    /// A row that starts with the force off, and the force must stay off. Afterwards the stored data must either equal
+    /// what was saved or be missing.
     pub fn keeping(name: &str, keeps: Keeps) -> Self {
         Self { from_off: true, keeps: Some(keeps), ..Self::at_once(name, SOON_S, |_, _| Ok(())) }
     }
@@ -77,19 +79,19 @@ impl Row {
         Self { not_full: true, ..self }
     }
 
-    /// Says why the fault cannot be found in free motion.
+    /// Stores the reason why the fault cannot be found in free motion.
     pub fn never_free(mut self, why: &'static str) -> Self {
         self.never[0] = Some(why);
         self
     }
 
-    /// Says why the fault cannot be found in contact.
+    /// Stores the reason why the fault cannot be found in contact.
     pub fn never_in_contact(mut self, why: &'static str) -> Self {
         self.never[1] = Some(why);
         self
     }
 
-    /// Why the fault cannot be found in this situation.
+    /// The reason why the fault cannot be found in this situation, if there is one.
     pub fn reason(&self, situation: Situation) -> Option<&'static str> {
         self.never[usize::from(!situation.is_free())]
     }

@@ -15,7 +15,7 @@ pub fn fault_cases() -> Vec<&'static FaultCase> {
     FAULT_CASES.iter().chain(&NO_PROCESSOR).collect()
 }
 
-/// All rows of a board. `current_sense`: whether the board measures the amplifier's current.
+/// All rows of a board. `current_sense` tells whether the board measures the amplifier's current.
 pub fn rows(board: Board, current_sense: bool) -> Vec<Row> {
     let cases = fault_cases().into_iter().map(|case| {
         let limit_s = (case.limit_us * 1e-6).max(SOON_S + GRID_S);

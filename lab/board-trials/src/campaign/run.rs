@@ -16,13 +16,13 @@ use super::{
 };
 use crate::threads::on_threads;
 
-/// Shortest and longest time for which a row is watched, samples.
+/// Shortest and longest time for which the board is watched after a named fault, in samples.
 const LEAST: u64 = 1_200;
 const LONGEST: u64 = 13_500;
-/// Index of the start time of all rows.
+/// All named faults begin at the start time with this index.
 const ROW_START: usize = 3;
 
-/// Runs of all situations without a fault, to compare faults with.
+/// Runs of all situations without a fault. The runs with faults are compared with them.
 pub struct Ground<'a> {
     session: &'a Session,
     stages: [Stage; SITUATIONS.len()],
@@ -65,7 +65,7 @@ impl<'a> Ground<'a> {
         Ok(Self { session, stages, places, full_m_per_s2 })
     }
 
-    /// Results of each row in each of its situations.
+    /// Runs each row in each situation in which it is allowed, and returns the results.
     ///
     /// # Errors
     /// A fault cannot be caused, or the user pressed Ctrl-C.
@@ -142,7 +142,8 @@ impl<'a> Ground<'a> {
         Ok(measure.verdict(world))
     }
 
-    /// Results of flips in the program in flash, in contact. `numbered`: the seed, and the number of the first flip.
+    /// Flips bits of the program in flash while the handle is in contact, and returns the results. `numbered` has the
+    /// seed and the number of the first flip.
     ///
     /// # Errors
     /// The image has no checksum, or the user pressed Ctrl-C.
@@ -159,7 +160,7 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// Results of `count` flips. `numbered`: the seed, and the number of the first flip.
+    /// Runs `count` random flips and returns their results. `numbered` has the seed and the number of the first flip.
     ///
     /// # Errors
     /// The user pressed Ctrl-C.

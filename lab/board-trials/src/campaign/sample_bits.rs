@@ -13,19 +13,20 @@ use super::{
 };
 use crate::{random::Random, threads::on_threads};
 
-/// Cutoffs of the Butterworth low-pass, Hz.
+/// Cutoffs of the Butterworth low-pass, in Hz.
 const CUTOFFS_HZ: [u32; 7] = [1, 10, 50, 100, 300, 1500, 4000];
 /// Estimators that need the firmware's feature `estimators`.
 const ESTIMATORS: [&str; 2] = ["kalman-3", "levant-implicit"];
-/// Output periods, samples.
+/// Output periods, in samples.
 const PERIODS: [u32; 2] = [1, 10];
 const SITUATIONS: [Situation; 2] = [Situation::Free, Situation::Contact];
 
-/// Longest time for which a flip is watched, samples. If the force is right at half of this time, the watch ends there.
+/// Longest time for which the board is watched after a flip, in samples. If the force is right after half of this time,
+/// the watch ends then.
 const WATCHED: u64 = 300;
-/// Count of start times in each situation.
+/// Number of start times from which flips are tried in each situation.
 const STARTS: usize = 8;
-/// Longest allowed time of a wrong force, s.
+/// Longest time for which a wrong force is allowed, in s.
 const ALLOWED_S: f64 = 3e-3;
 
 /// Results with one estimator at one output period.
@@ -36,15 +37,15 @@ pub struct SampleBits {
     pub setup: String,
     pub flips: u64,
     pub counts: Tally<Class>,
-    /// Flips that broke a limit: place, time, situation, reason.
+    /// One text for each flip that broke a limit, with its place, time, situation and reason.
     pub wrong: Vec<String>,
 }
 
-/// Flips every `step`-th bit, from bit `first` on, in free motion and in contact. Leaves out setups without `part` in
-/// their lines.
+/// Flips every `step`-th bit from bit `first` on, in free motion and in contact. A setup is left out if its console
+/// lines do not contain `part`.
 ///
 /// # Errors
-/// An image cannot be built, the board refuses a setup, or Ctrl-C.
+/// An image cannot be built, the board refuses a setup, or the user pressed Ctrl-C.
 pub fn sample_bits(
     board: Board,
     part: &str,

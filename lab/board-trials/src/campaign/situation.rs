@@ -1,4 +1,4 @@
-//! Situations of the handle at a fault, and the force in each situation without a fault.
+//! The situations in which a fault is caused. Also records the force in each situation without a fault.
 
 use virtual_board::{
     session::{Failed, Session, ask, ask_each},
@@ -35,30 +35,30 @@ impl Situation {
         !matches!(self, Self::Contact)
     }
 
-    /// Push of the hit, N, rounded to the digits that can be typed.
+    /// The push of the hit in N. It is rounded to the number of digits that a console line can have.
     pub fn push_n(self, full_scale_n: f64) -> f64 {
         if self == Self::Full { (full_scale_n * 1e6).round() / 1e6 } else { PUSH_N }
     }
 }
 
-/// Mean depth of the swing, its amplitude, m, and its frequency, Hz.
+/// Mean depth of the swing and its amplitude, both in m, and its frequency in Hz.
 const DEPTH_M: f64 = 0.3e-3;
 const SWING_M: f64 = 0.2e-3;
 const SWING_HZ: f64 = 20.0;
-/// Push of the hit in free motion, N.
+/// Push of the hit in free motion, in N.
 const PUSH_N: f64 = 2.835;
-/// Samples for which a fault is watched at the full force.
+/// Number of samples for which the board is watched after a fault at the full force.
 pub const FULL_SAMPLES: u64 = 250;
 const ARM_SAMPLES: u64 = 4_000;
 
-/// Switches on a board whose simulation continues after a lock-up of the core.
+/// Switches on a board. Its simulation continues even if the core locks up.
 pub(super) fn boot(session: &Session) -> Result<World<'_>, Failed> {
     let mut world = session.boot()?;
     world.powered.mcu.outlive_lock_up();
     Ok(world)
 }
 
-/// A board with its force on in this situation, after these console lines.
+/// Types these console lines, then brings the board into this situation with the force on.
 pub fn ready<'a>(
     session: &'a Session,
     situation: Situation,
@@ -108,9 +108,9 @@ fn forget(world: &mut World<'_>) {
 /// A time for a fault.
 pub struct Start {
     pub snapshot: Snapshot,
-    /// Index of this time in the forces of [`Stage`].
+    /// Index of this time in [`Stage::seen`].
     pub index: usize,
-    /// Cycles within the next output period at which an instruction begins.
+    /// The cycles of the next output period at which an instruction begins.
     pub code: Vec<u64>,
 }
 
@@ -124,12 +124,12 @@ pub struct Stage {
     pub read: Vec<u32>,
 }
 
-/// Samples from one start to the next. The starts are spread over 64 outputs. The board compares its clock with a
-/// second clock in this time.
+/// Number of samples from one start to the next. The starts are spread over the 64 outputs in which the board once
+/// compares its clock with a second clock.
 const BETWEEN: u64 = 41;
 
 impl Stage {
-    /// Types the lines, then runs the situation with `starts` start times, and `samples` samples after the last start.
+    /// Types the lines, then runs the situation until `starts` start times have passed, and `samples` samples more.
     ///
     /// # Errors
     /// The board does not reach this situation.

@@ -44,16 +44,16 @@ impl Class {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Verdict {
     pub class: Class,
-    /// Time from the fault until enable is inactive, s.
+    /// Time from the fault until enable is inactive, in s.
     pub off_s: Option<f64>,
-    /// Time for which the force was wrong or old, s.
+    /// Total time for which the force was wrong or too old, in s.
     #[serde(skip)]
     pub wrong_s: f64,
-    /// Speed that the handle gains until the force is off, m/s. In free motion, this is the increase of speed since the
-    /// fault while no hand holds the handle. In contact, this is the speed of an imagined handle, which is released at
-    /// the fault. The wrong force drives this handle over at most 5 mm.
+    /// Speed that the handle gains until the force is off, in m/s. In free motion, this is the increase of speed since
+    /// the fault while no hand holds the handle. In contact, this is the speed of an imagined handle, which is released
+    /// at the fault. The wrong force drives this handle over at most 5 mm.
     pub speed_m_per_s: f64,
-    /// Travel of the handle until the force is off, m.
+    /// Travel of the handle until the force is off, in m.
     pub travel_m: f64,
     /// Code of the fault that the board reports.
     pub code: Option<u8>,
@@ -75,7 +75,8 @@ impl Verdict {
         }
     }
 
-    /// Why this result is a failure; `None` for a good result. `reason`: why the fault cannot be found.
+    /// The reason why this result is a failure, or `None` for a good result. `reason` says why the fault cannot be
+    /// found, if this is so.
     pub fn wrong(&self, reason: Option<&str>) -> Option<String> {
         let fast = self.off_s.is_some_and(|off_s| off_s <= SOON_S);
         if matches!(self.class, Class::OffLate | Class::Unnoticed) && reason.is_none() {
@@ -90,54 +91,57 @@ impl Verdict {
     }
 }
 
-/// Settings of a measurement: how a fault is watched, the time limit, and the handle.
+/// Settings of a measurement. They say how a fault is watched, its time limit, and what the handle does.
 #[derive(Clone, Copy)]
 pub struct Measure<'a> {
     /// Cycle of the fault.
     pub begun: u64,
-    /// Samples for which the fault is watched if the force stays on.
+    /// Number of samples for which the board is watched if the force stays on.
     pub samples: u64,
-    /// Whether the watch ends after half of the samples if the force is right then.
+    /// Whether the watch ends after half of the samples, provided that the force is right then.
     pub half_if_right: bool,
     /// The motor's force without the fault.
     pub reference: &'a [Seen],
-    /// Output period, samples.
+    /// Output period, in samples.
     pub period: u64,
     /// Whether the fault code is read from the backup RAM, since the damaged program may not report it.
     pub from_memory: bool,
-    /// Time limit until off, s. The time of a named fault counts from the fault. The time of a flip counts only while
-    /// the force is wrong or old.
+    /// Time within which the force must be off, in s. For a named fault it is counted from the fault. For a flip it is
+    /// counted only while the force is wrong or too old.
     pub allowed_s: f64,
     /// Whether the force is treated as wrong from the fault on, even while it is still right.
     pub from_fault: bool,
     /// Whether no hand holds the handle.
     pub free: bool,
-    /// Full-scale force divided by the handle's mass, m/s^2.
+    /// Full-scale force divided by the handle's mass, in m/s^2.
     pub full_m_per_s2: f64,
 }
 
-/// Largest difference of the force that is treated as zero, fraction of full scale. The simulation in whole samples
-/// causes these differences.
+/// A difference of the force up to this fraction of full scale is treated as zero. Such differences occur because the
+/// simulation runs in whole samples.
 const SAME: f64 = 0.01;
-/// Largest difference of the force that is treated as small, fraction of full scale.
+/// A difference of the force up to this fraction of full scale is treated as small.
 const SMALL: f64 = 0.05;
-/// Longest time of a larger difference that is still treated as bounded, s.
+/// A difference above [`SMALL`] that lasts no longer than this time, in s, is still treated as bounded.
 pub(super) const SHORT_S: f64 = 2e-3;
-/// Samples beyond the output period after which a force is old: one sample, and the time of `render`.
+/// A force is too old if it is kept longer than the output period plus this number of samples. One sample is for the
+/// simulation in whole samples, the other for the time of `render`.
 const OLD: u64 = 2;
 const LET_GO_M: f64 = 5e-3;
 const SAMPLE_S: f64 = 1e-4;
 
-/// Largest allowed gain of speed since the fault, if the force is off within [`SOON_S`], m/s.
+/// Largest allowed gain of speed since the fault, if the force is off within [`SOON_S`], in m/s.
 const GAIN_MOST_M_PER_S: f64 = 0.1;
 
-/// Number of samples that are watched after off. If the board reports no fault, up to `TOLD` samples are watched.
+/// Number of samples for which the board is watched after the force is off. If the board reports no fault, it is
+/// watched for up to `TOLD` samples.
 const AFTER: u64 = 60;
 const TOLD: u64 = 2_000;
-/// Samples watched after off if the program was damaged: an output period, and the time of the output watchdog.
+/// Number of samples for which a board with a damaged program is watched after the force is off. This covers an output
+/// period and the time of the output watchdog.
 const AFTER_FROM_MEMORY: u64 = 30;
 
-/// Whether the force in the last 10 ms equals `right`.
+/// Whether the force of the last 10 ms equals the force in `right`.
 fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
     let seen = world.seen.as_deref().unwrap_or_default();
     let last = seen.iter().zip(right).skip(seen.len().saturating_sub(100));
@@ -145,7 +149,8 @@ fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
         && last.into_iter().all(|(now, right)| (now.force - right.force).abs() <= SAME)
 }
 
-/// Fault code in the backup RAM. `None` for the code of a reset while armed, because any such reset stores this code.
+/// The fault code in the backup RAM. `None` for the code that means a reset while armed, because every such reset
+/// stores this code.
 fn kept_code(world: &mut World<'_>) -> Option<u8> {
     let words = std::array::from_fn(|n| {
         world.powered.mcu.peek(BACKUP + 4 * u32::try_from(n).unwrap_or_default())

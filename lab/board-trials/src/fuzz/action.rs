@@ -12,19 +12,20 @@ pub enum Action {
     Type(String),
     /// Wait for this number of samples.
     Wait(u64),
-    /// Wait for this number of cycles. The next action can then happen within a sample.
+    /// Wait for this number of cycles of the core. So the next action can happen in the middle of a sample.
     Cycles(u64),
-    /// Move the handle by hand at this speed, m/s, for this number of samples. Then hold the handle.
+    /// Move the handle by hand. The first number is the speed in m/s, the second the number of samples. Then hold the
+    /// handle.
     Lead(f64, u64),
     /// Hold the handle at its present position.
     Hold,
     /// Release the handle.
     Free,
-    /// Move the handle by this distance at once, m. Then hold the handle.
+    /// Move the handle at once by this distance in m. Then hold the handle.
     Jump(f64),
     /// Open the emergency stop, or close it.
     Stop(bool),
-    /// Set the supply voltage, mV.
+    /// Set the supply voltage, in mV.
     Supply(u32),
     /// Reset the board by its reset pin.
     Reset,
@@ -63,7 +64,7 @@ impl fmt::Display for Action {
 pub const FORMS: &str = "> LINE, ~ LINE, wait SAMPLES, cycles CYCLES, lead M_PER_S SAMPLES, hold, free, jump METRES, \
                          emergency open|closed, supply MILLIVOLTS, reset, power";
 
-/// Longest duration of one action, samples: ten minutes.
+/// Longest duration of one action, in samples. It is ten minutes.
 const LONGEST: u64 = 6_000_000;
 
 impl FromStr for Action {

@@ -28,9 +28,9 @@ const SESSION: u64 = 150;
 pub struct Failure {
     pub what: String,
     pub session: u64,
-    /// Number of commands in all sessions before the failure was found.
+    /// Number of commands that all sessions had sent before the failure was found.
     pub after_commands: u64,
-    /// Time until the failure was found, s.
+    /// Time until the failure was found, in s.
     pub after_s: f64,
     /// The shortest session that was found with the same failure.
     #[serde(rename = "script")]
@@ -45,11 +45,12 @@ pub struct Outcome {
     pub failure: Option<Failure>,
     /// Whether Ctrl-C has ended the campaign.
     pub interrupted: bool,
-    /// Duration, s.
+    /// Duration, in s.
     pub wall_s: f64,
 }
 
-/// Runs about `commands` commands in random sessions, which follow from `seed`. Ends when a session fails.
+/// Runs random sessions with about `commands` commands in all. The sessions follow from `seed`. The run ends when a
+/// session fails.
 ///
 /// # Errors
 /// The board does not start.

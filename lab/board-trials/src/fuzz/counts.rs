@@ -5,30 +5,30 @@ use serde::Serialize;
 /// Numbers of events in a session so far. JSON has the same fields as the printed text.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// Lines that were typed.
+    /// Number of lines that were typed.
     pub commands: u64,
-    /// Lines of the board that equal the library's lines.
+    /// Number of the board's lines that equal the library's lines.
     pub replies: u64,
-    /// Frames of the board that equal the library's frames.
+    /// Number of the board's telemetry frames that equal the library's frames.
     pub frames: u64,
-    /// Samples at which output code and enable equal the library's.
+    /// Number of samples at which the board's output code and enable equal the library's.
     pub outputs: u64,
     pub faults: u64,
-    /// Resets and power cycles.
+    /// Number of resets and power cycles.
     pub resets: u64,
-    /// Cycles of the core.
+    /// Number of cycles that the core has run.
     #[serde(skip)]
     pub cycles: u64,
-    /// Commands with the reply `ok`.
+    /// Number of commands that got the reply `ok`.
     #[serde(skip)]
     pub obeyed: u64,
-    /// Commands with the reply `error`.
+    /// Number of commands that got the reply `error`.
     #[serde(skip)]
     pub refused: u64,
-    /// Outputs with the full force.
+    /// Number of outputs at which the full force was allowed.
     #[serde(skip)]
     pub armed: u64,
-    /// Outputs with a nonzero force.
+    /// Number of outputs with a force other than zero.
     #[serde(skip)]
     pub forces: u64,
 }

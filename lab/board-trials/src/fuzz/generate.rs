@@ -1,5 +1,5 @@
-//! Generates random sessions: actions of a person, a hand and the surroundings. Most actions have an effect on the
-//! board.
+//! Generates random sessions. A session has actions of a person at the console, of a hand at the handle, and of the
+//! surroundings. Most actions have an effect on the board.
 
 use zwidth::{
     console::usages,
@@ -35,7 +35,7 @@ const ODD: [&str; 16] = [
 const PIECES: [&str; 10] =
     ["#", "k", "\t", "\u{1b}[A", "é", "9e", "--", "hit;", "stop now", "\u{7f}"];
 
-/// State of the board, which decides the next actions.
+/// The state of the board, on which the choice of the next actions depends.
 pub struct Situation<'a> {
     device: &'static Device<'static>,
     stored: &'a Stored,
@@ -147,13 +147,13 @@ fn hit(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     vec![Action::Free, Action::Wait(300), Action::Say(line), Action::Wait(6_000 * pushes)]
 }
 
-/// Commands typed at once.
+/// Up to `most` commands that are typed at once.
 fn several(random: &mut Random, seen: &Situation<'_>, most: u64) -> String {
     let lines: Vec<String> = (0..1 + random.below(most)).map(|_| useful(random, seen)).collect();
     lines.join("\n")
 }
 
-/// Many lines without a pause, with the force off or on. With the force off, the output period is often changed first.
+/// Many lines without a pause, with the force off or on. If the force is off, the output period is often changed first.
 fn burst(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let mut actions = Vec::new();
     if random.once_in(2) {
@@ -238,7 +238,8 @@ fn faulted(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     }
 }
 
-/// Actions of the surroundings, at any cycle, also during a command: switches, supply, resets and the hand.
+/// Actions of the surroundings, such as switches, supply, resets and the hand. They come at any cycle, also during a
+/// command.
 fn world(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let mut actions = Vec::new();
     if random.once_in(3) {
@@ -323,7 +324,7 @@ fn useful(random: &mut Random, seen: &Situation<'_>) -> String {
     }
 }
 
-/// Any line: a command with or without its values, invalid numbers, or random text.
+/// Any line. It is a command with or without its values, has invalid numbers, or is random text.
 fn any(random: &mut Random) -> String {
     if random.once_in(6) {
         let length = 1 + random.below(20);

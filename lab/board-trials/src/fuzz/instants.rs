@@ -1,6 +1,6 @@
-//! Tries stop, supply drop and reset at each instant of an output period: between every two instructions, and at some
-//! instants of sleep. The board is armed and its handle is in the wall. Each event must cause its own fault, and enable
-//! must be inactive in time.
+//! Tries emergency stop, supply drop and reset at each instant of an output period. These instants are between every
+//! two instructions, and some while the core sleeps. The board is armed and its handle is in the wall. Each event must
+//! cause its own fault, and enable must be inactive in time.
 
 use std::time::Instant;
 
@@ -28,48 +28,48 @@ pub enum Event {
 pub const EVENTS: [(Event, &str); 3] =
     [(Event::Stop, "stop"), (Event::Supply, "supply"), (Event::Reset, "reset")];
 
-/// Cycles between two tried instants while the core sleeps.
+/// While the core sleeps, two tried instants are this number of cycles apart.
 const SLEEP: u64 = 500;
-/// Time limit of the supply detector, s (docs/faults.md).
+/// Time limit of the supply detector, in s (docs/faults.md).
 const SUPPLY_S: f64 = 60e-6;
-/// Samples within which the fault must be reported. `STARTED` is for a board that starts.
+/// The fault must be reported within this number of samples. `STARTED` is the number if the board has to start again.
 const TOLD: u64 = 25;
 const STARTED: u64 = 600;
-/// A supply that is too low, mV.
+/// A supply that is too low, in mV.
 const LOW_MV: u32 = 2_000;
-/// Number of pieces of the period. The cores share the pieces.
+/// The period is divided into this number of pieces, which the threads share.
 const PIECES: usize = 64;
 
 /// An instant with a wrong result.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Wrong {
     pub event: &'static str,
-    /// Cycles from the start of the period.
+    /// Number of cycles from the start of the period to the instant.
     pub cycle: u64,
     pub what: String,
 }
 
-/// Result of a board's sweep over all instants.
+/// The result after all instants of an output period were tried on one board.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Sweep {
     /// Number of tried instants. Every event is tried at each instant.
     pub instants: u64,
-    /// Cycles of the period in which instructions run. The sweep covers all these cycles.
+    /// Number of cycles of the period in which instructions run. The sweep covers all these cycles.
     #[serde(rename = "cycles_of_code")]
     pub cycles: u64,
-    /// Cycles of the whole period.
+    /// Number of cycles in the whole period.
     #[serde(rename = "cycles")]
     pub period: u64,
-    /// Duration, s.
+    /// Duration, in s.
     pub wall_s: f64,
     /// Wrong results, in the order of their cycles.
     pub wrong: Vec<Wrong>,
 }
 
-/// Sweeps a board. With `part`, only every `part`-th instant is tried.
+/// Tries the events on one board. Only every `part`-th instant is tried.
 ///
 /// # Errors
-/// The board does not reach the state in which the events are tried, or Ctrl-C.
+/// The board does not reach the state in which the events are tried, or the user pressed Ctrl-C.
 pub fn sweep(session: &Session, part: u64, threads: usize) -> Result<Sweep, Error> {
     let begun = Instant::now();
     let start = pressed(session)?.snapshot();
@@ -113,7 +113,7 @@ fn pressed(session: &Session) -> Result<World<'_>, Error> {
     }
 }
 
-/// Tries the instants between the cycles `ends` of a period that began at cycle `begin`.
+/// Tries the instants between the two cycles in `ends`. The period began at cycle `begin`.
 fn stretch(world: &mut World<'_>, begin: u64, ends: [u64; 2], part: u64) -> Result<Sweep, Error> {
     let [from, to] = ends;
     let mut sweep = Sweep::default();

@@ -1,4 +1,4 @@
-//! Random sessions on the firmware's image, compared with the firmware's library without a chip.
+//! Runs random sessions on the firmware's image, and compares it with the firmware's library without a chip.
 //!
 //! | file | holds |
 //! |------|-------|

@@ -24,15 +24,15 @@ use zwidth::{
 
 use super::{counts::Counts, rule};
 
-/// Size of the queue of reports, the same as on a board.
+/// Number of entries in the queue of reports. It is the same as on a board.
 const REPORTS: u32 = 16;
 
 /// What the image has read and done since the last call.
 pub struct Observed {
-    /// Readings of the encoder's counter.
+    /// The values that the image has read from the encoder's counter.
     pub counts: Vec<u32>,
-    /// Starts of tasks. Each entry has three offsets: read offset of commands, read offset of reports, write offset of
-    /// orders.
+    /// The starts of tasks. Each entry has three offsets that were valid then: the read offsets of commands and of
+    /// reports, and the write offset of orders.
     pub entries: Vec<Entry>,
     pub replies: Vec<u8>,
     pub telemetry: Vec<u8>,
@@ -40,7 +40,7 @@ pub struct Observed {
     pub saves: bool,
 }
 
-/// The content of a frame: outputs and parts.
+/// The content of a telemetry frame. It has outputs and parts.
 #[derive(Clone)]
 struct Told {
     sequence: u32,
@@ -55,9 +55,9 @@ struct Told {
 }
 
 impl Told {
-    /// Describes how the image's frame differs. Three differences are allowed. The key may be of another sample, or in
-    /// another frame: both depend on when `link` was preempted. A frame that waited for a save may lack the positions:
-    /// this depends on how long flash is busy.
+    /// Describes how the image's frame differs. Three differences are allowed. The key part may be of another sample,
+    /// or in another frame, because both depend on when `link` was preempted. A frame that waited for a save may lack
+    /// the positions, because this depends on how long flash is busy.
     fn difference(&self, library: &Self) -> Option<String> {
         let keys = self.key.as_ref().zip(library.key.as_ref());
         let keys = keys.filter(|(key, its)| key.sample == its.sample);
@@ -75,22 +75,22 @@ impl Told {
     }
 }
 
-/// A text with both values, if the image's value differs from the library's.
+/// If the image's value differs from the library's, a text with both values.
 fn different<T: PartialEq + Debug>([image, library]: [T; 2]) -> Option<String> {
     (image != library).then(|| format!("the image tells {image:?}, the library {library:?}"))
 }
 
-/// Lines and frames of one side that are not compared yet.
+/// The lines and frames that one side has sent and that are not compared yet.
 #[derive(Clone, Default)]
 struct Said {
     replies: Vec<u8>,
     decoder: Decoder,
     frames: VecDeque<Told>,
-    /// Number of the next frames that may have waited for a save.
+    /// This many of the next frames may have waited for a save.
     waiting: usize,
 }
 
-/// Largest number of frames that wait for a save, including frames on their way.
+/// Largest number of frames that can wait during a save. It includes frames that are being sent.
 const WAITING: usize = 64;
 
 impl Said {
@@ -120,16 +120,16 @@ pub struct Oracle {
     device: &'static Device<'static>,
     memories: Memories,
     cause: ResetCause,
-    /// The library's program; `None` until the image has read its first count.
+    /// The library's program. `None` until the image has read its first count.
     program: Option<CoreProgram>,
     image: Said,
     library: Said,
     counts: VecDeque<u32>,
     entries: VecDeque<Entry>,
-    /// Bytes that the image has not read yet. `words` has the three offsets of the image's last entry.
+    /// The typed bytes that the image has not read yet. `words` has the three offsets of the image's last [`Entry`].
     sent: VecDeque<u8>,
     words: [u32; 3],
-    /// Whether the image has given the same order as the library.
+    /// Whether the image has put the same order into the queue as the library.
     given: bool,
     stop_open: bool,
     supply_low: bool,
@@ -155,7 +155,7 @@ impl Oracle {
         }
     }
 
-    /// The library's program, once the image has started.
+    /// The library's program. `None` until the image has started.
     pub fn program(&self) -> Option<&CoreProgram> {
         self.program.as_ref()
     }
@@ -253,7 +253,8 @@ impl Oracle {
         Ok(())
     }
 
-    /// Runs the next task if it is not `link`. Returns whether the inputs of the task are known.
+    /// Takes the next entry and runs its task, unless the task is `link`. Returns false if the inputs of the task are
+    /// not known yet.
     fn preempt(&mut self, program: &mut CoreProgram) -> Result<bool, String> {
         match self.entries.front().map(|entry| entry.exception) {
             Some(SAMPLE) => {
@@ -269,7 +270,7 @@ impl Oracle {
         Ok(true)
     }
 
-    /// Runs `link` and the tasks that preempted it: the next `inside` entries.
+    /// Runs `link` and the tasks that preempted it. Those are the next `inside` entries.
     fn link(&mut self, program: &mut CoreProgram, inside: usize, size: u32) -> Result<(), String> {
         let Some(end) = self.entries.get(inside + 1).map(|entry| entry.words) else {
             return Ok(());
@@ -337,8 +338,8 @@ impl Oracle {
         Ok(())
     }
 
-    /// Compares enable and output code of the hardware with the library's. Codes are counted from zero force. No task
-    /// may be running.
+    /// Compares the hardware's enable and output code with the library's. A code is 0 at zero force. No task may be
+    /// running during the call.
     ///
     /// # Errors
     /// The outputs differ.
@@ -356,10 +357,10 @@ impl Oracle {
         })
     }
 
-    /// Checks that both sides have sent the same, after all typed lines were answered.
+    /// Checks that both sides have sent the same bytes. All typed lines must have been answered before the call.
     ///
     /// # Errors
-    /// One side has sent less.
+    /// One side has sent less than the other.
     pub fn is_complete(&self) -> Result<(), String> {
         let waiting = [&self.image, &self.library]
             .map(|said| (String::from_utf8_lossy(&said.replies), said.frames.len()));
@@ -382,8 +383,8 @@ fn line(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|byte| *byte == b'\n').map(|at| at + 1)
 }
 
-/// Replies that list parts of a build. Each entry has the beginning of the reply, and the separator of the reply's
-/// items.
+/// Replies with a list that depends on the features of the build. Each entry has the beginning of the reply, and the
+/// text between two items of the list.
 const LISTS: [(&str, &str); 2] = [("ok help, ", ", "), ("error: unknown estimator, allowed ", " ")];
 /// Numbers of the estimators that are in every build.
 const EVERYWHERE: RangeInclusive<u32> = 1..=5;

@@ -9,31 +9,31 @@ use zwidth::{
 
 use super::{counts::Counts, oracle::Observed, rule};
 
-/// Longest time from one feeding of the watchdog to the next, ms.
+/// Longest time from one feeding of the watchdog to the next, in ms.
 const FED_MS: u64 = 20;
-/// Samples within which a line must be answered. This time includes the answers to earlier lines, and an erase of
-/// flash.
+/// A line must be answered within this number of samples. The time includes the answers to earlier lines, and an erase
+/// of flash.
 const ANSWER: u64 = 3_000;
 const LINE: u64 = 200;
 const SAVED: u64 = 25_000;
-/// Highest voltage of a low supply, mV. Sessions set no voltage between `LOW_MV` and the lowest normal supply of the
-/// board.
+/// Highest voltage that is treated as a low supply, in mV. Sessions set no voltage between `LOW_MV` and the lowest
+/// normal supply of the board.
 const LOW_MV: u32 = 2_800;
 
-/// State of the rules.
+/// What the rules remember from one check to the next.
 #[derive(Clone, Debug, Default)]
 pub struct Properties {
     /// Number of lines without a reply. `waited` is the number of samples since the first of these lines.
     asked: u64,
     waited: u64,
-    /// Whether one of the lines without a reply is `arm`. `saves` is the same for `save`.
+    /// Whether one of the lines without a reply is `arm`. `saves` tells whether one of them is `save`.
     arms: bool,
     saves: bool,
-    /// Whether the board has obeyed `arm`, and no `disarm` after it.
+    /// Whether the board has obeyed `arm`, and has obeyed no `disarm` since then.
     armed: bool,
     pub stop_open: bool,
     pub supply_mv: u32,
-    /// Samples since the supply fell.
+    /// Number of samples since the supply fell.
     low_for: u64,
     resets: u64,
     decoder: Decoder,
@@ -47,7 +47,7 @@ impl Properties {
         Self { supply_mv, ..Self::default() }
     }
 
-    /// Notes a typed line.
+    /// Remembers that a line was typed and needs a reply.
     pub fn ask(&mut self, line: &str) {
         let word = line.split_whitespace().next().unwrap_or_default();
         if self.asked == 0 {
@@ -58,7 +58,7 @@ impl Properties {
         self.saves |= word.eq_ignore_ascii_case("save");
     }
 
-    /// Notes a restart of the board by a session.
+    /// Remembers that the session has restarted the board.
     pub fn reset(&mut self) {
         let Self { stop_open, supply_mv, resets, .. } = *self;
         *self = Self { stop_open, resets: resets + 1, ..Self::new(supply_mv) };
@@ -197,7 +197,7 @@ impl Properties {
     }
 }
 
-/// Output of the hardware, in codes from zero.
+/// The output code of the hardware. It is 0 at zero force.
 pub fn output_code(world: &World<'_>) -> i32 {
     let [magnitude, sign, dac] = world.powered.mcu.force_registers().map(u32::cast_signed);
     match world.powered.board.wiring.force {

@@ -26,23 +26,23 @@ use crate::threads::cores;
 pub struct Fuzz {
     #[arg(long, default_value = NUCLEO_F446RE.name, help = Board::names(" or "))]
     board: String,
-    /// The firmware; built if not given.
+    /// The firmware's ELF. It is built if this option is missing.
     #[arg(long)]
     elf: Option<PathBuf>,
-    /// Seed of the sessions: the same number gives the same sessions.
+    /// Seed of the sessions. The same number gives the same sessions.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Total number of commands; the last session may add a few.
+    /// Number of commands in all sessions. The last session may send a few more.
     #[arg(long, default_value_t = 2_000, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     commands: u64,
     /// Run the session in this file. A failing session is printed in the same form.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["seed", "commands"])]
     script: Option<PathBuf>,
-    /// In place of sessions: stop, supply drop and reset between every two instructions of an output period, and in
-    /// sleep.
+    /// Try emergency stop, supply drop and reset in place of sessions. They come between every two instructions of an
+    /// output period, and while the core sleeps.
     #[arg(long, conflicts_with_all = ["seed", "commands", "script"])]
     instants: bool,
-    /// One JSON object on stdout, and nothing else there.
+    /// Print one JSON object on stdout, and nothing else there.
     #[arg(long)]
     pub json: bool,
 }
@@ -70,7 +70,7 @@ struct SweepJson {
 /// Runs the campaign.
 ///
 /// # Errors
-/// Bad input, a difference, or the user pressed Ctrl-C.
+/// The input is bad, the board differs from the library, or the user pressed Ctrl-C.
 pub fn execute(options: &Fuzz) -> Result<(), Error> {
     // The board's own scene, for which its image is built.
     let actions = options.script.as_ref().map(|path| campaign::script(path)).transpose()?;

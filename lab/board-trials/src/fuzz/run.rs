@@ -31,15 +31,16 @@ impl From<Ended> for End {
     }
 }
 
-/// Samples within which the library must have sent the same as the image, after every line was answered.
+/// After every line was answered, the library must have sent the same as the image within this number of samples.
 const LATE: u64 = 400;
-/// Cycles within which a low supply must disable the amplifier: 60 us (docs/faults.md).
+/// A low supply must disable the amplifier within this number of cycles, which is 60 us (docs/faults.md).
 const DETECTED: u64 = 10_000;
-/// Symbol of the data that the tasks share, in the compiler's layout. The queue of orders is at the end and has a known
-/// size. The queue of reports is before the queue of orders. Each queue ends with its read and write offsets.
+/// Part of the symbol name of the data that the tasks share. The compiler decides the layout of this data. The queue of
+/// orders is at the end and has a known size. The queue of reports is before the queue of orders. Each queue ends with
+/// its read and write offsets.
 const QUEUES: &str = "init_queues";
 const ORDERS: u32 = 312;
-/// Samples that a board needs to start.
+/// Number of samples within which a board must start.
 const BEGIN: u64 = 1_000;
 
 /// State of the checks of a board, and of the hand at its handle.
@@ -48,7 +49,8 @@ pub struct Checks {
     pub oracle: Oracle,
     pub properties: Properties,
     pub counts: Counts,
-    /// Observations of library and rules. These numbers are added to the counts when an action has ended.
+    /// What the library and the rules have counted during the present action. These numbers are added to the counts
+    /// when the action has ended.
     seen: Counts,
     pub held: bool,
     samples: u64,
@@ -60,7 +62,7 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// A board that has just been switched on, with the handle at rest.
+    /// Switches on a board with its handle at rest, and waits for its first lines.
     ///
     /// # Errors
     /// The board sends something unexpected.
@@ -162,7 +164,7 @@ impl<'a> Run<'a> {
     /// Ends a session: waits for all replies and compares everything.
     ///
     /// # Errors
-    /// The errors of [`act`](Self::act).
+    /// The same errors as in [`act`](Self::act).
     pub fn finish(&mut self) -> Result<(), End> {
         self.answered()?;
         self.pass(100)?;
@@ -222,7 +224,8 @@ impl<'a> Run<'a> {
         Err(End::Difference("the program does not begin".into()))
     }
 
-    /// Runs until no output is running. An event then has only one possible effect. `--instants` tries the other times.
+    /// Runs until no output is being computed, because an event then has only one possible effect. `--instants` tries
+    /// the other times.
     fn between_outputs(&mut self) -> Result<(), End> {
         self.probe()?;
         loop {

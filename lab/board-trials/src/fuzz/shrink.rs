@@ -16,7 +16,7 @@ type Before = (Snapshot, Checks);
 /// Time limit of the search.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Kind of a difference: its text without numbers.
+/// The kind of a difference. It is the beginning of the text, without words that have digits.
 fn kind(what: &str) -> String {
     let word = |word: &&str| !word.contains(|c: char| c.is_ascii_digit());
     what.split_whitespace().filter(word).take(8).collect::<Vec<_>>().join(" ")
@@ -29,7 +29,7 @@ struct Failing {
     what: String,
 }
 
-/// Runs `actions` from the last state of `before`. Returns whether the actions fail in the same way.
+/// Runs `actions` from the last state of `before`. Returns whether they fail in the same way as the original session.
 fn fails(
     run: &mut Run<'_>,
     mut before: Vec<Before>,
@@ -58,7 +58,7 @@ fn fails(
     }
 }
 
-/// The shortest session from `start` that fails like `actions`, and its failure.
+/// Searches the shortest session from `start` that fails like `actions`. Returns this session and its failure.
 pub fn shrink(
     run: &mut Run<'_>,
     start: &Before,

@@ -31,18 +31,20 @@ use crate::{
     study::{sweep::start_offset_counts, walk::walk},
 };
 
-/// Steps of K and B, as multiples of the steps in the scene's walk.
+/// The walks here use steps of K and B that are this number of times the scene's steps.
 pub const COARSER: f64 = 4.0;
-/// Number of starts of the walks.
+/// Number of walks, each from another start position.
 const REPEATS: u32 = 2;
-/// Number of points of the boundary. `BESIDE` are the distances of the compared hits from each point, in steps of K.
+/// Number of points on the boundary around which hits are compared. `BESIDE` has the distances of these hits from a
+/// point, in steps of K.
 const POINTS: usize = 8;
 const BESIDE: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
-/// Change of the reference's start, counts. This change shows the effect of chaos.
+/// The second reference starts this number of counts away from the first. Their difference shows the effect of chaos.
 pub const NUDGE_COUNTS: f64 = 0.25;
 /// Numbers of equal steps per sample.
 const STEPS: [u32; 6] = [1, 2, 5, 10, 20, 50];
-/// Pairs of a relative tolerance and an absolute tolerance of positions, m.
+/// Tolerances of the adaptive method. Each pair has the relative tolerance, and the absolute tolerance of a position in
+/// m.
 const TOLERANCES: [[f64; 2]; 4] = [[1e-3, 1e-9], [1e-6, 1e-12], [1e-9, 1e-15], [1e-12, 1e-18]];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,7 +78,7 @@ impl Method {
         }
     }
 
-    /// Steps per sample, or the relative tolerance.
+    /// The setting of the method: its number of steps per sample, or its relative tolerance.
     pub fn setting(self) -> Option<f64> {
         match self {
             Self::Exact => None,
@@ -103,8 +105,8 @@ impl Method {
         AnyPlant::unsensed(&self.scene(scene), 1.0 / scene.control.rate_hz, fraction)
     }
 
-    /// Additions and multiplications of one step of a linear plant with `states` states. For the exact method, a step
-    /// is a whole sample. Operations of non-linear elements are not included.
+    /// Number of additions and multiplications in one step of a linear plant with `states` states. For the exact
+    /// method, a step is a whole sample. Operations of non-linear elements are not included.
     pub fn operations(self, states: usize) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "2 to 7")]
         let n = states as f64;
@@ -124,19 +126,19 @@ impl Method {
 /// Measured values of one method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantMeasured {
-    /// Largest distance from the reference's position, m.
+    /// Largest distance from the reference's position, in m.
     pub trajectory_m: f64,
     /// Number of verdicts that differ from the verdicts of the reference.
     pub verdicts_wrong: usize,
-    /// Mean area, N^2 s/m^2.
+    /// Mean area, in N^2 s/m^2.
     pub area: f64,
     /// Relative difference of the area from the area of the reference.
     pub area_change: f64,
-    /// Tried steps per sample; one for the exact step.
+    /// Number of tried steps per sample. It is one for the exact step.
     pub steps_per_sample: f64,
     /// Additions and multiplications per simulated second.
     pub operations_per_s: f64,
-    /// Time on this machine, ns per sample.
+    /// Time of the plant on this machine, in ns per sample.
     pub host_ns: f64,
 }
 
@@ -149,15 +151,15 @@ pub struct PlantRow {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plants {
-    /// One row per method, the reference first.
+    /// One row per method. The reference is the first row.
     pub rows: Vec<PlantRow>,
-    /// Cutoff of the scene's estimator in all hits, Hz; 0 for an estimator without a cutoff.
+    /// Cutoff of the scene's estimator in all hits, in Hz. It is 0 for an estimator without a cutoff.
     pub cutoff_hz: f64,
-    /// The wall of the replayed hit: K, N/m, and B, N s/m.
+    /// The wall of the replayed hit: K in N/m and B in N s/m.
     pub wall: [f64; 2],
-    /// Hits that were compared.
+    /// Number of hits that were compared.
     pub verdicts: usize,
-    /// Verdicts that change if the start of the reference changes by [`NUDGE_COUNTS`].
+    /// Number of verdicts that change if the start of the reference changes by [`NUDGE_COUNTS`].
     pub verdicts_chaotic: usize,
     /// Relative change of the area if the start of the reference changes by [`NUDGE_COUNTS`].
     pub area_chaotic: f64,

@@ -7,20 +7,21 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// A hit with the reference method: the positions of the handle, and the commands.
+/// A hit that was run with the reference method. It has the positions of the handle, and the commands.
 #[derive(Clone, Debug)]
 pub struct Recorded {
     start_m: f64,
     positions_m: Vec<f64>,
-    /// Command that takes effect within each sample, N. `None` if no command takes effect.
+    /// One entry per sample: the commanded force that takes effect within the sample, in N. `None` if no command takes
+    /// effect in it.
     commands_n: Vec<Option<f64>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Replayed {
-    /// Largest distance from the recorded position, m.
+    /// Largest distance from the recorded position, in m.
     pub error_m: f64,
-    /// Steps that the integrator tried.
+    /// Number of steps that the integrator tried.
     pub steps: u64,
     pub samples: u32,
 }
@@ -64,7 +65,7 @@ impl Recorded {
         Replayed { error_m, steps: plant.steps(&state), samples }
     }
 
-    /// Time of the plant alone on this machine, ns per sample. This time differs from call to call.
+    /// Time of the plant alone on this machine, in ns per sample. This time differs from call to call.
     pub fn host_ns(&self, plant: &AnyPlant) -> f64 {
         const RUNS: u32 = 3; // the smallest time counts
         let timed = |_| each_plant!(plant, plant => self.timed(plant));

@@ -33,9 +33,9 @@ use crate::{
 /// Time between two checks for bytes of the client during a halt.
 const LOOK: Duration = Duration::from_micros(200);
 
-/// Work of the board's thread while gdb is connected.
+/// What the board's thread does while gdb is connected.
 pub(super) trait Board {
-    /// Runs a millisecond in real time, or less if the core meets a stop.
+    /// Runs a millisecond in real time. It ends earlier if the core meets a condition of `stops`.
     fn slice(&mut self, world: &mut World<'_>, stops: &Stops) -> Result<Option<Met>, Ended>;
     /// Serves the channels in a halt. Returns false if the board is to be switched off.
     fn stands(&mut self, world: &mut World<'_>) -> bool;
@@ -43,7 +43,7 @@ pub(super) trait Board {
     fn goes_on(&mut self);
 }
 
-/// The port, and a client that has connected but sent nothing.
+/// The port for gdb, and a client that has connected but sent nothing yet.
 pub(super) struct Port {
     listener: TcpListener,
     silent: Option<(TcpStream, Instant)>,

@@ -32,16 +32,16 @@ use crate::{
     world::{Halted, World},
 };
 
-/// The watchdog's bit in DBGMCU's register for APB1.
+/// The bit in DBGMCU's register for APB1 that stops the watchdog in a halt.
 const WATCHDOG_STOPS: u32 = 1 << 12;
-/// Error numbers of gdb's protocol: bad address, read-only.
+/// Error numbers of gdb's protocol. `EFAULT` means a bad address, `EROFS` read-only memory.
 const EFAULT: u8 = 14;
 const EROFS: u8 = 30;
 const MONITOR: &str = "monitor halt, monitor reset, monitor watchdog stop|run";
 
 pub(super) struct Debugged<'a, 'b> {
     pub(super) world: &'a mut World<'b>,
-    /// The halt, its start in real time, and the number of its cycles that have been simulated.
+    /// The present halt, its start in real time, and how many of its cycles were simulated so far.
     halt: Option<(Halted, Instant, u64)>,
     stops: Stops,
     /// The breakpoints that gdb calls "hardware".

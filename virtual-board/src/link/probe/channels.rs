@@ -1,4 +1,4 @@
-//! The channels of a board behind a probe: received and sent bytes, and checks that the board is connected.
+//! The channels of a board behind a probe. This file receives and sends bytes, and checks that the board is connected.
 
 use std::time::{Duration, Instant};
 
@@ -8,13 +8,13 @@ use crate::{
     rtt::{Block, Ring, Rtt},
 };
 
-/// Time without a byte after which the link checks whether the core runs.
+/// If no byte arrives for this time, the link checks whether the core runs.
 pub(super) const QUIET: Duration = Duration::from_millis(500);
-/// Largest number of bytes of a channel that wait for a reader. Further bytes stay on the board.
+/// Largest number of bytes of one channel that can wait for a reader. Further bytes stay on the board.
 const WAITING: usize = 1 << 16;
-/// Attempts to find out whether the board has received the sent bytes.
+/// Number of attempts to find out whether the board has received the sent bytes.
 const TRIES: u32 = 3;
-/// Why a halted board is lost.
+/// The message that says why a halted board is lost.
 const HALTED: &str = "the core is halted, by a debugger or by its own fault: the board has to be reset. Its force is \
                       off, by hardware";
 
@@ -34,7 +34,7 @@ pub(super) struct Channels {
     /// Address and size of each buffer, as the program has set it up.
     buffers: [[u32; 2]; 4],
     pub(super) up: [Up; UP_CHANNELS],
-    /// Start of the errors, if every access since then has failed.
+    /// Time since which every access has failed. `None` if the last access succeeded.
     pub(super) failing: Option<Instant>,
     /// Time of the last byte, or of the last check that found the core running.
     heard: Instant,
@@ -154,7 +154,7 @@ impl Channels {
 }
 
 impl Up {
-    /// Takes the bytes in a channel's buffer. Returns the number of bytes; `None` if another reader has taken some
+    /// Takes the bytes in a channel's buffer. Returns the number of bytes. `None` if another reader has taken some
     /// bytes.
     fn take(&mut self, core: &mut impl Core, mut ring: Ring) -> Result<Option<usize>, String> {
         if ring.read == self.released {

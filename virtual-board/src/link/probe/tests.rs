@@ -13,7 +13,7 @@ const BUFFERS: [[u32; 2]; 4] =
 const FLASH: u32 = 0x0800_0000;
 const OFF: &str = "ok status off, fault none, idle, sample 42";
 
-/// How much of a write is done when the write fails.
+/// What a failing write has done in memory.
 #[derive(Clone, Copy, PartialEq)]
 enum Effect {
     Nothing,
@@ -34,7 +34,7 @@ struct State {
     looks: u32,
     /// Whether every access fails from now on.
     gone: bool,
-    /// Address at which the next write fails, and how much of this write is done.
+    /// The address at which the next write fails, and what this write does before it fails.
     fails: Option<(u32, Effect)>,
     gone_after: bool,
     let_go: bool,

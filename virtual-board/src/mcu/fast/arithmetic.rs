@@ -1,4 +1,4 @@
-//! Shifts and sums with their flags (ARM DDI 0403, A2.2.1 and A7.4.2).
+//! Computes shifts and sums with their flags (ARM DDI 0403, A2.2.1 and A7.4.2).
 
 use rsemu::cpu::arm::v7m::isa::{DpOp, Shift, ShiftType};
 

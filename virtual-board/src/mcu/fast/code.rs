@@ -33,7 +33,7 @@ const LONGEST: usize = 64;
 
 #[derive(Default)]
 pub(super) struct Code {
-    /// For each half-word of flash, the index of its instruction in `entries`; 0: not decoded.
+    /// For each half-word of flash, the index of its instruction in `entries`. 0 means that it is not decoded yet.
     places: Vec<u32>,
     /// Instructions in the order of flash, up to an entry `Elsewhere`.
     pub(super) entries: Vec<Entry>,

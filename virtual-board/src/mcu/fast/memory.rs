@@ -9,7 +9,7 @@ use rsemu::core::{
 
 use super::super::{FLASH, RAM, RAM_BYTES};
 
-/// Address range of RAM that the protection unit refuses: first address and size.
+/// The range of RAM that the protection unit refuses, as its first address and its size.
 pub(super) type Guard = (u32, u32);
 
 /// Memory that can be accessed without the bus. `None` as a result means that the emulator must run the access.
@@ -17,7 +17,7 @@ pub(super) struct Memory<'a> {
     pub(super) ram: &'a RamStore,
     pub(super) flash: &'a [u8],
     pub(super) guard: Guard,
-    /// For each word of RAM: whether it was read. `None` if nobody needs these notes.
+    /// For each word of RAM, whether it was read. `None` if nobody needs these notes.
     pub(super) reads: Option<&'a [AtomicBool]>,
 }
 

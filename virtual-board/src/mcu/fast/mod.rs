@@ -40,7 +40,8 @@ pub(super) struct Fast {
     flash: Vec<u8>,
     same_at: Option<u64>,
     floats: Floats,
-    /// Cycles by which this module is ahead of the emulator; `None`: the emulator has the same core registers.
+    /// Number of cycles by which this module is ahead of the emulator. `None` means that the emulator has the same core
+    /// registers.
     ahead: Option<u64>,
     /// Whether the core has left its reset and is not locked up.
     awake: bool,
@@ -71,8 +72,8 @@ impl Mcu {
         self.fast.run
     }
 
-    /// Runs instructions until cycle `until`, or until an instruction that the emulator must run. Returns whether any
-    /// ran.
+    /// Runs instructions until cycle `until`, or until an instruction that the emulator must run. Returns whether at
+    /// least one instruction ran.
     #[inline]
     pub(super) fn run_here(&mut self, until: u64) -> bool {
         let Some(permit) = self.may_run() else { return false };
@@ -175,8 +176,8 @@ impl Mcu {
         })
     }
 
-    /// Updates this module after a step of the emulator to the program counter `to`. The step may end in a reset or
-    /// lock-up.
+    /// Updates this module after the emulator has run a step. `to` is the new program counter. The step may end in a
+    /// reset or lock-up.
     #[inline(always)]
     pub(super) fn follow_step(&mut self, to: u32) {
         self.fast.awake = to < run::RETURNS;
@@ -232,8 +233,8 @@ fn is_due(sys: &Sys, registers: &Regs, asserted: [Option<u16>; 2]) -> bool {
     priority < running
 }
 
-/// The addresses that the protection unit refuses: an empty range, or one region of RAM. `None` for other settings of
-/// the unit, such as sub-regions.
+/// The range of addresses that the protection unit refuses. It is empty or one region of RAM. `None` for other settings
+/// of the unit, such as sub-regions.
 fn guard(sys: &Sys) -> Option<Guard> {
     const ON: u32 = 1;
     const BACKGROUND: u32 = 1 << 2;

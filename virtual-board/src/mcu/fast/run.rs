@@ -1,4 +1,5 @@
-//! Runs instructions with the emulator's cycles: one for an instruction, one more per access, two more for a branch.
+//! Runs instructions with the same cycles as the emulator. An instruction takes one cycle, each access one more, and a
+//! branch two more.
 
 use rsemu::cpu::arm::v7m::{
     ArmV7m, Regs,
@@ -15,7 +16,7 @@ use super::{
     memory::Memory,
 };
 
-/// First address of the range that means a return from an exception.
+/// A jump to this address or above is a return from an exception.
 pub(super) const RETURNS: u32 = 0xF000_0000;
 
 /// The core's state in this module.
@@ -76,8 +77,8 @@ impl Core<'_> {
         batch
     }
 
-    /// Runs one instruction and returns its cycles. `None`: the emulator must run the instruction, and nothing was
-    /// changed.
+    /// Runs one instruction and returns its cycles. `None` means that the emulator must run the instruction. Nothing
+    /// was changed then.
     #[inline(always)]
     fn one(&mut self, instruction: &Insn, wide: bool) -> Option<u64> {
         let at = self.registers.r[15];
@@ -159,8 +160,8 @@ impl Core<'_> {
         (to & 1 != 0 && to < RETURNS).then_some(())
     }
 
-    /// Runs an instruction. `sets`: whether a short instruction sets the flags. In an IT block a short instruction does
-    /// not set the flags.
+    /// Runs an instruction. `sets` tells whether a short instruction sets the flags. In an IT block a short instruction
+    /// does not set the flags.
     #[inline(always)]
     #[expect(clippy::too_many_lines, reason = "one arm for each form")]
     fn execute(&mut self, instruction: &Insn, sets: bool) -> Option<u64> {

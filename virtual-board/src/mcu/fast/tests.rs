@@ -28,7 +28,7 @@ impl Random {
         all[self.below(u32::try_from(all.len()).unwrap()) as usize]
     }
 
-    /// A random word: an address, an operand near a limit, or any value.
+    /// A random word. It is an address, an operand near a limit, or any value.
     fn word(&mut self) -> u32 {
         match self.below(8) {
             0 => RAM + self.below(RAM_BYTES),
@@ -49,7 +49,7 @@ const MPU_CTRL: u32 = 0xE000_ED94;
 const CPACR: u32 = 0xE000_ED88;
 const CYCCNT: u32 = 0xE000_1004;
 
-/// Random code: all short encodings, and long encodings whose first half-word the manual defines.
+/// Random code. It has all short encodings, and long encodings whose first half-word the manual defines.
 fn code(random: &mut Random) -> Vec<u8> {
     let mut halves = Vec::new();
     while halves.len() < HALF_WORDS as usize {
@@ -66,7 +66,7 @@ fn code(random: &mut Random) -> Vec<u8> {
     halves.into_iter().flat_map(u16::to_le_bytes).collect()
 }
 
-/// A chip that has left its reset. Its floating-point unit is on, and a region of its RAM is protected. `off`: the
+/// A chip that has left its reset. Its floating-point unit is on, and a region of its RAM is protected. With `off` the
 /// emulator runs every instruction.
 fn chip(program: &[(u32, Vec<u8>)], off: bool) -> Mcu {
     let chip = Chip { flash_bytes: 0x1_0000, ..NUCLEO_F446RE.chip };
