@@ -66,13 +66,13 @@ fn the_number_that_is_wrong_is_among_those_that_explain_the_difference() {
         assert!(best.iter().all(|tried| agreement.explains(tried)), "{name}");
         let found = best.iter().find(|tried| tried.suspect.name == name).expect(name);
         let [low, high] = found.range;
-        // The search finds an end of the range with an error of at most one interval.
+        // The search finds an end of the range with an error of at most one interval between tried values.
         assert!(NEAR * low <= value && value <= high / NEAR, "{name}: {low} to {high}");
         assert!(best.len() <= 4, "{name}: {} explain it", best.len());
     }
 }
 
-/// Tolerance of the ends of a range.
+/// Tolerance of the ends of a range, as a factor.
 const NEAR: f64 = 0.85;
 
 #[test]

@@ -35,15 +35,15 @@ use crate::{
 /// Limits on the cost of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Largest number of tunings with one parameter, 3 or more. With two parameters the limit is [`OF_TWO`] times as
-    /// large.
+    /// Largest number of tunings that a search with one parameter may try, 3 or more. With two parameters the limit is
+    /// [`OF_TWO`] times as large.
     pub tunings: u32,
-    /// Number of walks of the result, 1 or more. The starts of these walks are spread over a count.
+    /// Number of walks of the result, 1 or more. Their starts are spread evenly over a count.
     pub repeats: u32,
 }
 
 impl Budget {
-    /// Largest number of walks of one estimator: its search, the result, and four wrong tunings.
+    /// Largest number of walks that one estimator can need: for its search, its result and four wrong tunings.
     pub fn most(&self) -> u64 {
         let walks = OF_TWO * self.tunings * WALKS_OF_A_TRY;
         u64::from(walks) + 5 * u64::from(self.repeats)
@@ -52,35 +52,38 @@ impl Budget {
 
 /// Largest number of walks for one tried tuning of a search.
 pub const WALKS_OF_A_TRY: u32 = 2;
-/// Allowed number of tunings with two parameters, divided by the allowed number with one parameter.
+/// A search with two parameters may try this many times as many tunings as a search with one parameter.
 pub const OF_TWO: u32 = 4;
-/// Share of the tunings in the evenly spaced first step, as a fraction, for one axis and for two.
+/// The share of the tunings that the evenly spaced first step uses, as numerator and denominator. The first fraction is
+/// for one axis, the second is for two.
 const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
-/// Number of lines of the first grid along the second axis. Each line is in the middle of one of `LINES` equal parts.
+/// Number of lines of the first grid along the second axis. The axis is divided into this many equal parts, and each
+/// line is in the middle of a part.
 const LINES: u32 = 3;
-/// A neighbour is better if its area is larger by more than this share.
+/// A neighbour counts as better if its area is larger by more than this share.
 pub const GAIN: f64 = 0.002;
-/// Smallest step, as a ratio of bandwidths. For whole-number tunings, `LEAST_STEP` is used instead.
+/// The search ends at this step, a ratio of two bandwidths. For whole-number tunings it ends at `LEAST_STEP`.
 pub const LAST_STEP: f64 = 1.03;
-/// Smallest step of any kind, as a part of the range.
+/// Smallest step on any axis, as a share of the axis.
 const LEAST_STEP: f64 = 1e-4;
-/// Factor of a wrong bandwidth. The loss of area shows how critical the tuning is.
+/// Factor by which the bandwidth of a wrong tuning is wrong. The loss of area at this tuning shows how critical the
+/// tuning is.
 pub const WRONG_BY: f64 = 1.2;
-/// Relative error of a wrong model mass, in both directions.
+/// Relative error of the mass in a wrong model. Both a larger and a smaller mass are tried.
 pub const MASS_WRONG_BY: f64 = 0.2;
 
 pub struct Walker<'a, D> {
     pub engine: Engine,
     /// The scene. The scene's own estimator is not used.
     pub scene: &'a Scene,
-    /// Set to stop the search.
+    /// Becomes true when the search must stop.
     pub stop: &'a AtomicBool,
     /// Called with the number of finished walks.
     pub done: &'a D,
 }
 
 impl<D: Fn(u64) + Sync> Walker<'_, D> {
-    /// Boundaries of tunings of one estimator from `starts`.
+    /// Walks tunings of one estimator from `starts`. Returns the boundaries.
     pub(in crate::analysis) fn walks(
         &self,
         settings: &[VelocitySettings],
@@ -93,7 +96,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok(made.into_iter().flatten().collect())
     }
 
-    /// Boundaries of a result from the starts of the repeats.
+    /// Walks a result from the starts of the repeats. Returns the boundaries.
     ///
     /// # Errors
     /// An error of [`best`](Self::best).
@@ -105,8 +108,8 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok(self.walks(&[*settings], &starts(budget.repeats))?.pop().unwrap_or_default())
     }
 
-    /// The best tuning from `start`, and its boundaries. Wrong tunings are not walked. Settings that are not free are
-    /// walked unchanged.
+    /// Searches the best tuning, beginning at `start`. Returns the tuning and its boundaries. Wrong tunings are not
+    /// walked. Settings that are not free are walked unchanged.
     ///
     /// # Errors
     /// The handle does not reach the wall, or `stop` was set.
@@ -152,7 +155,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok((best, tuned))
     }
 
-    /// Whether walks of this estimator can run in lanes. The engine has no influence.
+    /// Whether walks of this estimator can run in lanes. The answer does not depend on the engine that is used.
     ///
     /// # Errors
     /// The scene is not allowed with this estimator.
@@ -185,7 +188,8 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
     }
 }
 
-/// Tunes `start` if it is free. Otherwise walks it unchanged. Calls `done` with the number of finished walks.
+/// Tunes the estimator `start` if `is_free` says so. Otherwise walks its settings unchanged. Calls `done` with the
+/// number of finished walks.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
