@@ -235,7 +235,8 @@ pub fn tune(
     Ok((best, tuned))
 }
 
-/// For each parameter of `best`: the end of the search range, if the parameter is within the last step of this end.
+/// For each parameter of `best`, the end of the search range that it has reached. `None` if the parameter is further
+/// from both ends than the last step.
 fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
     let (_, [tuning, second, ..]) = EstimatorName::of(best);
     let near = |value: f64, end: f64| (value / end).ln().abs() < 1e-6;
@@ -252,10 +253,10 @@ fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
     edges
 }
 
-/// Tunings that were tried so far.
+/// The state of a search: the tunings that were tried so far.
 pub(super) struct Search {
     pub(super) tried: Vec<Tried>,
-    /// Whether the search ended because its steps became small.
+    /// Whether the search ended because its steps became small. It is false if the search had to stop before.
     pub(super) settled: bool,
 }
 
@@ -297,7 +298,7 @@ impl Search {
             };
             for (n, &direction) in directions.iter().enumerate() {
                 let place = to(direction);
-                // The opposite direction is walked in parallel with this direction.
+                // The opposite direction may be needed next, so it is walked in parallel with this one.
                 let soon = directions.get(n + 1).filter(|_| n % 2 == 0).map(|next| to(*next));
                 if search.tried.len() >= limit as usize && search.is_new(axes, place) {
                     return Ok(search);
@@ -315,7 +316,7 @@ impl Search {
         Ok(search)
     }
 
-    /// Tries the places that are new and within the limit.
+    /// Tries those of the places that are new, as long as the limit allows it.
     fn look_at(
         &mut self,
         axes: &Axes,
@@ -364,7 +365,7 @@ impl Search {
     }
 }
 
-/// Steps to the neighbours of a tuning: along the first axis, the second axis, and both.
+/// Steps to the neighbours of a tuning: along the first axis, along the second axis, and along both at once.
 const DIRECTIONS: [[f64; 2]; 8] = [
     [1.0, 0.0],
     [-1.0, 0.0],
@@ -376,7 +377,7 @@ const DIRECTIONS: [[f64; 2]; 8] = [
     [-1.0, 1.0],
 ];
 
-/// Middles of `parts` equal parts of the interval from 0 to 1.
+/// The interval from 0 to 1 is divided into `parts` equal parts. Returns the middle of each part.
 fn even(parts: u32) -> Vec<f64> {
     (0..parts).map(|n| (f64::from(n) + 0.5) / f64::from(parts)).collect()
 }
@@ -410,7 +411,7 @@ mod tests {
         (looked.collect(), best, search.settled)
     }
 
-    /// A hill of height 1 that falls to 95 % at a ratio of 1.2.
+    /// A hill of height 1. At a ratio of 1.2 its height is 95 %.
     fn hill(ratio: f64) -> f64 {
         (-0.05 * (ratio.ln() / 1.2f64.ln()).powi(2)).exp()
     }
@@ -422,7 +423,7 @@ mod tests {
                 search(EstimatorName::FirstOrder, 24, |[hz, _]| hill(hz / top));
             assert!(settled && hill(found / top) > 0.995, "{found} for {top}");
             assert!((14..=24).contains(&looked.len()), "{}", looked.len());
-            // A larger budget finds no larger area. The search only starts with a finer grid, and also settles.
+            // A larger budget finds no larger area. The search starts with a finer grid, and it also settles.
             let (_, [again, _], settled) =
                 search(EstimatorName::FirstOrder, 48, |[hz, _]| hill(hz / top));
             assert!(settled && hill(again / top) > 0.995, "{again} for {top}");

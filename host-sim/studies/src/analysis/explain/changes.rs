@@ -1,4 +1,4 @@
-//! Possible changes of a device, each of one element, and the cost of each change.
+//! Possible changes of a device, and the cost of each change. A change is of one element.
 
 use zwidth::velocity::EstimatorName;
 
@@ -16,11 +16,11 @@ use crate::{
 pub enum Kind {
     /// Another part must be bought.
     Part,
-    /// Another firmware, or another setting of the firmware.
+    /// The firmware or one of its settings must be changed.
     Firmware,
-    /// The change adds an element that the scene leaves out but the device may have. There is nothing to buy.
+    /// Nothing must be bought. The change adds an element that the scene leaves out but the device may have.
     LeftOut,
-    /// No change: the scene itself.
+    /// There is no change. This is the scene itself.
     Nothing,
 }
 
@@ -39,19 +39,19 @@ impl Kind {
 pub struct Change {
     /// Name in files.
     pub name: &'static str,
-    /// Description in a report, in the scene's units.
+    /// Description in a report. Its values are in the units of the scene.
     pub text: String,
     pub kind: Kind,
     pub cost: String,
-    /// Additional cycles of the Cortex-M4 per second; `None` if not measured.
+    /// Processor cycles that the change adds per second, on a Cortex-M4. `None` if they were not measured.
     pub cycles_per_s: Option<f64>,
     pub scene: Scene,
-    /// The best of these estimators is used. If the list is empty, the scene's own estimator is used.
+    /// Estimators to choose from. The best of them is used. If the list is empty, the scene's own estimator is used.
     pub estimators: Vec<EstimatorName>,
 }
 
 impl Change {
-    /// The unchanged scene.
+    /// No change: the scene as it is.
     pub fn none(scene: &Scene) -> Self {
         Self {
             name: "none",
@@ -65,21 +65,21 @@ impl Change {
     }
 }
 
-/// Name of the measured worst-case cycles of `render` on the faster board.
+/// Name of the figure with the worst-case cycles of `render`, measured on the faster board.
 const RENDER: &str = "elf/control/nucleo-f446re/render_most";
-/// Clock of the faster board, Hz.
+/// Clock of the faster board, in Hz.
 pub const CLOCK_HZ: f64 = 180e6;
-/// Amplifier bandwidth for a scene without an amplifier, Hz.
+/// Amplifier bandwidth that is added to a scene without an amplifier, in Hz.
 const AMPLIFIER_HZ: f64 = 1000.0;
-/// Cubic error of the force at full command, for a scene without an amplifier error.
+/// Amplifier error that is added to a scene without one: the cubic error of the force at full command, as a fraction.
 const CUBIC: f64 = -0.03;
-/// Gap for a scene with a second mass and without backlash, m.
+/// Gap of the backlash that is added to a scene with a second mass, in m.
 const GAP_M: f64 = 1e-4;
-/// Friction and cogging for a scene without these elements, as a share of full force.
+/// Friction or cogging that is added to a scene without it, as a share of full force.
 const DRY_SHARE: f64 = 0.01;
-/// Bits of the DAC of a scene without `[output]`.
+/// Bits of the DAC that is added to a scene without `[output]`.
 const DAC_BITS: u32 = 12;
-/// Travel from cog to cog for a scene without `[cogging]`, m.
+/// Travel from cog to cog of the cogging that is added to a scene without `[cogging]`, in m.
 const PITCH_M: f64 = 0.005;
 /// A typical MEMS accelerometer.
 const ACCELEROMETER: Accelerometer = Accelerometer {
