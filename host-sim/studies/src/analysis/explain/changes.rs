@@ -90,14 +90,14 @@ const ACCELEROMETER: Accelerometer = Accelerometer {
     bandwidth_hz: Some(1000.0),
 };
 
-/// Worst-case cycles of one output.
+/// Worst-case cycles of one output on the faster board; `None` if they were not measured.
 fn render_cycles() -> Option<f64> {
     let table = include_str!("../../../../../docs/data/measured.csv");
     let row = table.lines().find(|line| line.split(',').next() == Some(RENDER))?;
     row.split(',').nth(1)?.parse().ok()
 }
 
-/// Cycles per second of an estimator, minus the cycles of the scene's own estimator.
+/// Cycles per second that an estimator needs in addition to those of the scene's own estimator.
 fn estimator_cycles(scene: &Scene, name: EstimatorName) -> Option<f64> {
     let cycles = |cost: Option<Cost>| cost.map(|cost| cost.cycles);
     let own = cycles(cost::of(scene.velocity.estimator()))?;
@@ -368,7 +368,7 @@ mod tests {
         (scene, all)
     }
 
-    /// Tables that differ between two scenes, compared as text.
+    /// Names of the tables of the scene file that differ between two scenes. The tables are compared as text.
     fn differing(one: &Scene, other: &Scene) -> Vec<String> {
         let tables = |scene: &Scene| -> BTreeMap<String, String> {
             let (mut tables, mut name) = (BTreeMap::new(), String::new());

@@ -29,7 +29,7 @@ pub struct Json<'a> {
     warnings: &'a [String],
 }
 
-/// A value and its interval. For a given value, both ends are the value.
+/// A value and its interval. If the value was given, both ends of the interval are the value.
 #[derive(Serialize)]
 struct Interval {
     value: f64,

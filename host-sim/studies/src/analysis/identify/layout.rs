@@ -7,35 +7,36 @@ use self::Parameter::{
     Latency, Mass, Rise, Second, Sine, Stiffness,
 };
 
-/// Indices of the parameters that every fit has.
+/// Indices of the two parameters that every fit has.
 pub(super) const MASS: usize = 0;
 pub(super) const DAMPING: usize = 1;
-/// Parameters of the device, in the order of the vector. Position and speed of each record follow.
+/// Parameters of the device, in the order of the vector of values. In the vector, the position and the speed of each
+/// record follow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Parameter {
     Mass,
     Damping,
     Stiffness,
-    /// k (x0 - reference). If x0 is known or there is no spring: the offset force.
+    /// The force `k (x0 - reference)`. If x0 is known or there is no spring, it is the offset force.
     Constant,
     Gain,
     Latency,
-    /// Force of Coulomb friction, N.
+    /// Force of Coulomb friction, in N.
     Friction,
-    /// Time constant of the amplifier, s.
+    /// Time constant of the amplifier, in s.
     Lag,
-    /// Static friction minus Coulomb friction, N.
+    /// Static friction minus Coulomb friction, in N.
     Rise,
-    /// Speed over which the friction falls from static to Coulomb friction, m/s.
+    /// Speed over which the friction falls from static to Coulomb friction, in m/s.
     Fall,
-    /// Encoder error once per cycle: sine and cosine at the reference, m.
+    /// The encoder's error that repeats once per cycle: its sine part and cosine part at the reference, in m.
     Sine,
     Cosine,
     /// Cycles of the encoder's error per metre.
     Cycles,
-    /// Amplitude of the encoder error twice per cycle, m.
+    /// Amplitude of the encoder's error that repeats twice per cycle, in m.
     Second,
-    /// Cogging: sine and cosine at the reference, N, and cogs per metre.
+    /// Cogging: its sine part and cosine part at the reference in N, and the cogs per metre.
     CogSine,
     CogCosine,
     CogCycles,
@@ -48,7 +49,7 @@ pub(super) const PARAMETERS: [Parameter; 17] = [
 ];
 
 impl Parameter {
-    /// Name in error messages.
+    /// Name of the parameter in error messages.
     pub(super) fn name(self) -> &'static str {
         match self {
             Mass => "mass",
@@ -70,24 +71,24 @@ impl Parameter {
     }
 }
 
-/// Selection of the fitted parameters, and values of the other parameters.
+/// Which parameters are fitted, and the values of the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Layout {
-    /// The device has a spring. Without a spring, k is 0.
+    /// Whether the device has a spring. Without a spring, k is 0.
     pub spring: bool,
-    /// Rest position from the reference, m, if known.
+    /// Rest position in m, measured from the reference; `None` if it is fitted.
     pub rest_m: Option<f64>,
-    /// Force per volt, N/V, if known.
+    /// Force per volt in N/V; `None` if it is fitted.
     pub gain: Option<f64>,
-    /// Latency, s, if known.
+    /// Latency in s; `None` if it is fitted.
     pub latency_s: Option<f64>,
     /// Terms in addition to mass, damping and spring.
     pub terms: Included,
-    /// Cycles per metre of the encoder's signals, if known.
+    /// Cycles of the encoder's signals per metre; `None` if they are fitted.
     pub cycles_per_m: Option<f64>,
-    /// Cogs per metre, if known.
+    /// Cogs per metre; `None` if they are fitted.
     pub cogs_per_m: Option<f64>,
-    /// Reference of the positions, m.
+    /// Position in m from which all positions of the fit are measured.
     pub reference_m: f64,
     pub records: usize,
     /// Bit set of the records in which friction holds the handle at the first row. The first speed of these records is
