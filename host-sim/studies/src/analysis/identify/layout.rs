@@ -91,8 +91,8 @@ pub(super) struct Layout {
     /// Position in m from which all positions of the fit are measured.
     pub reference_m: f64,
     pub records: usize,
-    /// Bit set of the records in which friction holds the handle at the first row. The first speed of these records is
-    /// 0.
+    /// The records in which friction holds the handle at the first row. Bit n stands for record n. The first speed of
+    /// these records is 0.
     pub resting: u64,
 }
 
@@ -102,20 +102,21 @@ pub(super) struct Included {
     pub lag: bool,
     pub offset: bool,
     pub phase: bool,
-    /// The second harmonic of the phase error.
+    /// Whether the encoder's error also has a part that repeats twice per cycle.
     pub second: bool,
-    /// Friction that falls with the speed.
+    /// Whether the friction falls with the speed.
     pub stribeck: bool,
     pub cogging: bool,
 }
 
 impl Included {
-    /// Whether the model is linear, as in the paper. The derivatives of a linear model are exact.
+    /// Whether the model is linear, as the paper's model is. The derivatives of a linear model are exact.
     pub(super) fn plain(self) -> bool {
         !(self.friction || self.lag || self.phase || self.cogging)
     }
 
-    /// Whether friction falls with the speed, or there is cogging. If so, one step of the motion is not exact.
+    /// Whether friction falls with the speed, or there is cogging. With these forces, one step of the motion is not
+    /// exact.
     pub(super) fn is_curved(self) -> bool {
         self.stribeck || self.cogging
     }
@@ -145,23 +146,23 @@ impl Layout {
         PARAMETERS.into_iter().filter(|parameter| self.has(*parameter))
     }
 
-    /// Index of a parameter in the vector, if it is fitted.
+    /// Index of a parameter in the vector of values; `None` if it is not fitted.
     pub(super) fn place(&self, parameter: Parameter) -> Option<usize> {
         self.fitted().position(|fitted| fitted == parameter)
     }
 
-    /// Index of a record's first position.
+    /// Index of a record's first position in the vector of values.
     pub(super) fn position_place(&self, record: usize) -> usize {
         let before = (0..record).filter(|record| self.rests(*record)).count();
         self.fitted().count() + 2 * record - before
     }
 
-    /// Index of a record's first speed, if it is fitted.
+    /// Index of a record's first speed in the vector of values; `None` if it is not fitted.
     pub(super) fn speed_place(&self, record: usize) -> Option<usize> {
         (!self.rests(record)).then(|| self.position_place(record) + 1)
     }
 
-    /// Whether friction holds the handle at the first row. False for a model without friction.
+    /// Whether friction holds the handle at the first row of a record. This is false if the model has no friction.
     fn rests(&self, record: usize) -> bool {
         self.terms.friction && record < 64 && self.resting >> record & 1 == 1
     }
@@ -183,7 +184,7 @@ impl Layout {
     }
 }
 
-/// The values of a layout's parameters. [`within`](Self::within) converts the values to another layout.
+/// Values of the parameters that a [`Layout`] selects. [`within`](Self::within) converts them to another layout.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Values {
     layout: Layout,
@@ -212,7 +213,7 @@ impl Values {
         self.layout.place(parameter).map(|place| self.vector[place])
     }
 
-    /// Fitted or known value; 0 if the parameter is not in the model.
+    /// The value of a parameter, fitted or known. It is 0 if the parameter is not in the model.
     pub(super) fn of(&self, parameter: Parameter) -> f64 {
         self.fitted(parameter).unwrap_or_else(|| self.layout.known(parameter))
     }
@@ -238,14 +239,15 @@ impl Values {
         }
     }
 
-    /// k, N/m, and the constant force, N: k (x0 - reference) plus the offset force.
+    /// The stiffness k in N/m, and the constant force in N. The constant force is k (x0 - reference) plus the offset
+    /// force.
     pub(super) fn spring(&self) -> [f64; 2] {
         let stiffness = self.of(Stiffness);
         let known = self.layout.rest_m.map_or(0.0, |rest_m| stiffness * rest_m);
         [stiffness, self.fitted(Constant).map_or(known, |constant| known + constant)]
     }
 
-    /// Friction, N, and time constant of the amplifier, s; both are at least 0.
+    /// Friction in N, and time constant of the amplifier in s. Both are at least 0.
     pub(super) fn slow(&self) -> [f64; 2] {
         [Friction, Lag].map(|parameter| self.of(parameter).max(0.0))
     }
@@ -263,8 +265,8 @@ impl Values {
         for parameter in layout.fitted() {
             values.set(parameter, self.of(parameter));
         }
-        // If x0 is known in only one of the two layouts, c = k (x0 - reference) becomes an offset force, or the
-        // reverse.
+        // If x0 is known in only one of the two layouts, the constant changes its meaning: c = k (x0 - reference)
+        // becomes an offset force, or the reverse.
         let [stiffness, constant] = self.spring();
         values.set(Constant, constant - layout.rest_m.map_or(0.0, |rest_m| stiffness * rest_m));
         for record in 0..layout.records {

@@ -1,4 +1,5 @@
-//! Passivity of a wall in the real loop: estimator at the sample rate, force at the output rate, with latency.
+//! Passivity of a wall in the real loop: the estimator runs at the sample rate, the force changes at the output rate,
+//! and there is latency.
 //!
 //! The loop is periodic with the output period T. The hand may be periodic too. So the condition is for the port alone.
 //! It is valid for any motion, by a linear or a non-linear hand. A motion of frequency w contains the aliases `w_n =
@@ -37,21 +38,21 @@ use nalgebra::Complex;
 use super::{PER_DECADE, PassivityDemand, STABLE_RADIUS};
 use crate::analysis::linear::{LinearError, Loop, boundary::minimum, transfer::TransferFunction};
 
-/// Lowest frequency, radians per output period. The rounding error is 1e-16 divided by the frequency, so at lower
-/// frequencies the error would be large.
+/// Lowest frequency of the search, in radians per output period. The rounding error is 1e-16 divided by the frequency,
+/// so at lower frequencies the error would be large.
 const OMEGA_MIN: f64 = 1e-6;
 /// Number of search points from 0 to pi.
 const LINEAR: f64 = 512.0;
-/// Number of search points per turn of the latency's phase.
+/// Number of search points per turn of the phase that the latency causes.
 const PER_TURN: f64 = 32.0;
-/// Number of halvings in a search for a stiffness or a damping.
+/// A search for a stiffness or a damping halves its interval this many times.
 const HALVINGS: u32 = 40;
 
-/// The wall of a loop at its port.
+/// The wall of a loop, as seen at the port to the hand.
 #[derive(Clone, Debug)]
 pub struct Passivity {
     period: u32,
-    /// Whole samples of latency, and the remaining part of a sample.
+    /// The latency as whole samples, and the remaining part of a sample.
     late: f64,
     rest: f64,
     sample_s: f64,
