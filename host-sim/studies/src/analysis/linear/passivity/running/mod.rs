@@ -62,7 +62,7 @@ pub struct Passivity {
     points: Vec<Point>,
 }
 
-/// A frequency and its aliases.
+/// A frequency and its aliases, the frequencies that the sampler cannot distinguish from it.
 #[derive(Clone, Debug)]
 struct Point {
     omega: f64,
@@ -72,18 +72,18 @@ struct Point {
 /// One alias: its terms of c and r for given K and B.
 #[derive(Clone, Copy, Debug)]
 struct Alias {
-    /// Term of -c for C = 1.
+    /// Term of -c if C is 1.
     part: Complex<f64>,
-    /// Term of r for |C| = 1.
+    /// Term of r if |C| is 1.
     most: f64,
-    /// `most - |part|`, computed without cancellation.
+    /// The difference `most - |part|`. It is computed without cancellation.
     less: f64,
-    /// Response of the estimator at this alias.
+    /// Response of the estimator at the frequency of the alias.
     velocity: Complex<f64>,
 }
 
 impl Passivity {
-    /// The wall of a loop. The device and the elements of the loop are not used.
+    /// Prepares the wall of a loop. The device and the elements of the loop are not used.
     ///
     /// # Errors
     /// An error of [`Loop::check`].
@@ -111,7 +111,7 @@ impl Passivity {
         Ok(passivity)
     }
 
-    /// The point at a frequency in radians per output period.
+    /// The terms at a frequency, which is in radians per output period.
     fn at(&self, omega: f64) -> Point {
         let period = f64::from(self.period);
         // (1 - e^(-j omega)) T_s^2 / 2T
@@ -137,8 +137,8 @@ impl Passivity {
         Point { omega, aliases: aliases.collect() }
     }
 
-    /// Necessary device damping for a wall with stiffness K, N/m, and damping B, N s/m (any sign). If the estimator has
-    /// a pole on or outside the unit circle, the condition does not hold, and the value is infinite.
+    /// The damping that a device needs so that a wall with K in N/m and B in N s/m is passive. B may have any sign. If
+    /// the estimator has a pole on or outside the unit circle, no damping is enough, and the value is infinite.
     ///
     /// # Errors
     /// A number is not finite.
@@ -167,8 +167,8 @@ impl Passivity {
         Ok(PassivityDemand { damping_n_s_per_m: worst, frequency_hz: at / (2.0 * PI) * output_hz })
     }
 
-    /// Largest K, N/m, on a device with this damping. Every wall from K = 0 to this K is passive. `None` if K = 0 is
-    /// not passive.
+    /// Largest passive K in N/m on a device with this damping. Every wall from K = 0 to this K is passive. `None` if K
+    /// = 0 is not passive.
     ///
     /// # Errors
     /// A number is not finite.
@@ -190,9 +190,9 @@ impl Passivity {
         last(high, |k| Ok(asks(k)? <= device_damping_n_s_per_m)).map(Some)
     }
 
-    /// Largest B, N s/m, at which K = 0 is passive on a device with this damping. Every smaller B is also passive. If K
-    /// and B of a passive wall are multiplied by a factor below 1, the wall stays passive, because its disc lies in the
-    /// disc of the original wall.
+    /// Largest B in N s/m at which K = 0 is passive on a device with this damping. Every smaller B is also passive. If
+    /// K and B of a passive wall are multiplied by a factor below 1, the wall stays passive, because its disc lies in
+    /// the disc of the original wall.
     ///
     /// # Errors
     /// A number is not finite.
@@ -203,7 +203,7 @@ impl Passivity {
 }
 
 impl Point {
-    /// Necessary device damping at this frequency.
+    /// The damping that a device needs at this frequency.
     fn cost(&self, k: f64, b: f64) -> f64 {
         let wall = |alias: &Alias| alias.velocity * b + k;
         let mut aliases = self.aliases.iter();
@@ -233,7 +233,8 @@ impl Point {
             apart += alias.most * off;
             squares += alias.most * off * off;
         }
-        // First r^2 - |c|^2 for a time-invariant hand. For any hand, the Cauchy-Schwarz difference is added to r^2.
+        // `still` is r^2 - |c|^2 for a time-invariant hand. For any hand, the Cauchy-Schwarz difference is added to
+        // r^2.
         let still = less * (most + along) - across * across;
         let free = (still + (weight * squares - apart * apart)).max(0.0);
         sum.re + (free + sum.re * sum.re).sqrt()
@@ -249,7 +250,8 @@ fn finite(stiffness: f64, damping: f64) -> Result<(), LinearError> {
     Ok(())
 }
 
-/// The largest value from 0 to `high` for which `passes` is true. `passes` is true for 0 and false for `high`.
+/// Searches the largest value from 0 to `high` for which `passes` is true. `passes` must be true for 0 and false for
+/// `high`.
 fn last(high: f64, passes: impl Fn(f64) -> Result<bool, LinearError>) -> Result<f64, LinearError> {
     let (mut good, mut bad) = (0.0, high);
     for _ in 0..HALVINGS {
