@@ -168,7 +168,7 @@ impl Scene {
         parts.into_py_any(slf.py()).map(Any)
     }
 
-    /// The scene's text with a path of its curve file that is valid from any folder.
+    /// The scene's text. The path of its curve file is changed so that it is valid from any folder.
     #[pyo3(name = "_portable_text")]
     fn portable_text(&self) -> PyResult<String> {
         if self.0.files.len() < 2 {

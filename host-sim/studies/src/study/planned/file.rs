@@ -181,7 +181,7 @@ const REPEAT_MAX: u32 = 1000;
 const PER_UNIT_MAX: u64 = 1_000_000;
 
 impl Keys {
-    /// Checks the keys without any scene.
+    /// Checks those rules for the keys that need no scene.
     fn check(&self) -> Result<(), String> {
         if self.scenes.is_empty() {
             return Err("scenes is empty, allowed built-in names and scene files".into());
@@ -217,7 +217,7 @@ impl Keys {
         }
     }
 
-    /// The estimators as `[velocity]` tables of a scene.
+    /// The estimators of the study, each as a table `[velocity]` of a scene.
     fn estimators(&self) -> Result<Vec<Table>, String> {
         let table = |value: &Value| match value {
             Value::String(name) => {
@@ -231,7 +231,7 @@ impl Keys {
         self.estimators.iter().map(table).collect()
     }
 
-    /// The keys of `[product]` with their values.
+    /// The keys of `[product]`, each with its values.
     fn product(&self) -> Result<Vec<(String, Vec<Value>)>, String> {
         let leaves = flat("product", &self.product)?;
         let mut product = vec![];
@@ -259,7 +259,7 @@ impl Keys {
         Ok(product)
     }
 
-    /// The changes of every `[[list]]`.
+    /// The changes that each `[[list]]` makes.
     fn list(&self, product: &[(String, Vec<Value>)]) -> Result<Vec<Changes>, String> {
         let mut list: Vec<Changes> = vec![];
         for table in &self.list {
@@ -297,7 +297,7 @@ impl Keys {
     }
 }
 
-/// Refuses keys of a scene that have their own key in the study.
+/// Refuses to change a key of a scene that has a key of its own in the study.
 fn may_change(table: &str, key: &str) -> Result<(), String> {
     let place = match key {
         "velocity.estimator" => "the key `estimators` of the study",
@@ -320,7 +320,7 @@ fn one_kind(table: &str, key: &str, values: &[Value]) -> Result<(), String> {
     }
 }
 
-/// The values below a table with dotted keys, in alphabetical order.
+/// The values below a table, each with its dotted key. The keys are in alphabetical order.
 fn flat(name: &str, table: &Table) -> Result<Changes, String> {
     let mut leaves = vec![];
     flatten("", table, &mut leaves);
@@ -331,7 +331,7 @@ fn flat(name: &str, table: &Table) -> Result<Changes, String> {
     }
 }
 
-/// Adds the values below a table with dotted keys.
+/// Adds the values below a table to `leaves`, each with its dotted key.
 fn flatten(above: &str, table: &Table, leaves: &mut Changes) {
     for (key, value) in table {
         let key = if above.is_empty() { key.clone() } else { format!("{above}.{key}") };
