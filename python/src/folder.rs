@@ -27,7 +27,7 @@ pub fn study_text(py: Python<'_>, study: Asked) -> PyResult<(String, String, Pat
 #[pyclass(frozen, module = "zwidth._native")]
 pub struct StudyUnits {
     study: Arc<Study>,
-    /// Path of the study's file. It is empty if the study is no file.
+    /// The study's name in errors. It is the path of the study's file if the study was read from a file.
     origin: PathBuf,
 }
 

@@ -107,7 +107,7 @@ pub struct PassiveRow {
     pub controller: bool,
     pub boundaries: Boundaries,
     /// Hits in this loop. The first element is at the walls of the boundary that was found without the controller. The
-    /// second element is at the walls of the boundary that was found with it. It is only used if the controller is on.
+    /// second element is at the walls of the boundary that was found with it. Without the controller it is empty.
     pub hits: [Hits; 2],
 }
 

@@ -104,7 +104,7 @@ pub struct DeviceRecord {
 
 impl DeviceRecord {
     /// Makes the record of a scene on a board, with the envelope of these parts. If there are no parts, the record has
-    /// no envelope. Calls `done` after each walk.
+    /// no measurements. Calls `done` after each walk.
     ///
     /// # Errors
     /// The scene does not fit the board, or `stop` was set. The scene is refused before the first walk.
@@ -123,7 +123,7 @@ impl DeviceRecord {
     }
 }
 
-/// Checks that the device fits a board. Returns its record, with or without an envelope.
+/// Checks that the device fits a board, with or without an envelope. Returns the device as prepared for the board.
 ///
 /// # Errors
 /// [`Error::Input`]: the device does not fit the board.

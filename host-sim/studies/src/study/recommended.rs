@@ -54,7 +54,7 @@ const SEEDS: usize = 3;
 /// A cutoff is only examined if its area is at least this share of the best area.
 const PROMISING: f64 = 0.3;
 
-/// All walks of a search for the recommended cutoff, and its result.
+/// All walks of a search for the recommended cutoff, with the result of the search.
 #[derive(Clone, Debug)]
 pub struct QuietStudy {
     pub walk: Walk,
@@ -62,7 +62,7 @@ pub struct QuietStudy {
     pub cutoffs: Vec<CutoffResult>,
     /// The recommended cutoff, or the reason why no cutoff is recommended.
     pub recommended: Result<Recommended, String>,
-    /// Free motion at the recommended cutoff, with the stiffest quiet wall set; `None` if it was not measured.
+    /// Free motion at the recommended cutoff, with the stiffest quiet wall set. `None` if no cutoff is recommended.
     pub free: Option<FreeMotion>,
     /// The stiffest quiet wall by each protocol. The scene's own protocol is left out.
     pub protocols: Vec<Held>,
@@ -368,8 +368,8 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(true)
     }
 
-    /// A grid that begins at one wall. [`Self::seed`] uses it if no wall of the scene's own grid is stable. The wall is
-    /// one of several that were tried: the one that is quiet at the most promising cutoffs.
+    /// Makes a grid that begins at a single wall. Several walls are tried. The grid begins at one that is quiet at the
+    /// most promising cutoffs. `None` if none is quiet.
     fn first_walls(&self, cutoffs_hz: &[f64]) -> Result<Option<Walk>, Error> {
         let (prepared, scene) = (prepare(&self.scene)?, &self.scene.scene);
         let caps = scene.walk_plan();

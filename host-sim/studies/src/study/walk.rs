@@ -34,7 +34,7 @@ pub fn walk(
     found
 }
 
-/// Walks as [`walk`] does. The function `hit` of the caller makes each hit.
+/// Walks as [`walk`] does. But the caller's function `verdict` makes each hit and judges it.
 ///
 /// # Errors
 /// An error of [`walk`].

@@ -69,8 +69,8 @@ pub struct Explained {
     /// Whether the search ended because no neighbour is better. It is false if the search has [missed](Self::missed) a
     /// better result.
     pub settled: bool,
-    /// The share of its area that the search has missed, as far as is known: a tuning of another change gives this much
-    /// more.
+    /// The share of area that the search has missed, as far as is known. The tuning of another change gives an area
+    /// that is larger by this share.
     pub missed: f64,
     /// Whether the best tuning is at an end of the search range.
     pub at_edge: bool,

@@ -43,7 +43,7 @@ pub struct GainAsked {
 
 impl GainAsked {
     /// Says where the gain comes from, according to the options. If they name no source and the base scene is rotary,
-    /// its motor and amplifier are used. A log with the force needs no source.
+    /// the base scene's gain is used. A log with the force needs no source.
     ///
     /// # Errors
     /// No source, several sources or an incomplete source is given, or the source does not fit the log.

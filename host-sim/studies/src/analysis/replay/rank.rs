@@ -66,7 +66,7 @@ pub struct Ranking {
 }
 
 /// What an estimator is compared with: recorded and simulated counts, the reference velocities in counts per sample,
-/// and the range of samples that counts.
+/// and the range of the samples that are compared.
 struct Bench<'a> {
     design: Design,
     counts: [Vec<i32>; 2],
