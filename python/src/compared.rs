@@ -1,4 +1,4 @@
-//! Comparison of estimators, and the explanation of what limits a scene's walls.
+//! Compares estimators, and explains what limits a scene's walls.
 
 use std::sync::{Arc, atomic::AtomicBool};
 
@@ -324,7 +324,8 @@ fn limit_of(words: &str) -> PyResult<LimitAsked> {
 }
 
 result! { table(table)
-    /// The default velocity filters of other systems, compared with the scene's own estimator and the true velocity.
+    /// The default velocity filters of other systems. They are compared with the scene's own estimator and the true
+    /// velocity.
     Peers {
         /// Name of the scene.
         scene: String,

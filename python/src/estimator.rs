@@ -1,4 +1,4 @@
-//! The core's velocity estimators, applied to recorded counts.
+//! Applies the core's velocity estimators to recorded counts.
 
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
-//! Functions for measured data of a device: identification from records, comparison of walks with a scene's walks, and
-//! estimators on a capture.
+//! Functions for measured data of a device. They identify a device from records, compare measured walks with a scene's
+//! walks, and run estimators on a capture.
 
 use std::{path::PathBuf, sync::Arc};
 

@@ -149,7 +149,7 @@ pub fn attributes<T: Fields>(of: &Bound<'_, T>) -> PyResult<Keys> {
 /// size.
 const SHORT: usize = 120;
 
-/// The object's text. An array is shown by its shape, and a long attribute by its type and size.
+/// The object's text. It shows an array by its shape, and a long attribute by its type and size.
 pub fn text<T: Fields>(of: &Bound<'_, T>) -> PyResult<String> {
     let told = T::FIELDS.iter().map(|name| {
         let value = of.as_any().getattr(*name)?;

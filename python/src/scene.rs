@@ -231,7 +231,7 @@ pub fn of_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
     })
 }
 
-/// A dictionary with the keys of the command line's JSON object. Keys with null are left out.
+/// Makes a dictionary with the keys of the command line's JSON object. Keys whose value is null are left out.
 pub fn serialized<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
     let table =
         Table::try_from(value).map_err(|error| PyRuntimeError::new_err(error.to_string()))?;

@@ -150,9 +150,9 @@ result! { value
         port_taken_j: f64,
         /// Largest energy that the wall has supplied in a contact beyond what it had absorbed, in J.
         port_given_j: f64,
-        /// Fraction of the outputs in contact that the passivity controller has changed; None without the controller.
+        /// Fraction of the outputs in contact that the passivity controller has changed. None without the controller.
         port_limited_fraction: Option<f64>,
-        /// Fraction of the wall's force that the passivity controller has withheld; None without the controller.
+        /// Fraction of the wall's force that the passivity controller has withheld. None without the controller.
         port_withheld_fraction: Option<f64>,
         /// Every sample of the hit; None unless `trace` was set.
         trace: Option<Part<Trace>>,
@@ -522,7 +522,7 @@ result! { table
         dampings_n_s_per_m: Array<f64>,
         /// K of the grid, in N/m.
         stiffnesses_n_per_m: Array<f64>,
-        /// Verdicts as indices of `zwidth.VERDICTS`, with the shape (cutoffs, dampings, stiffnesses).
+        /// The verdict of each wall, as an index of `zwidth.VERDICTS`. The shape is (cutoffs, dampings, stiffnesses).
         verdict: Array<u8>,
         /// RMS of the counts in m, with the same shape. It is NaN for a hit without an RMS.
         rms_m: Array<f64>,

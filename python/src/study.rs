@@ -24,8 +24,8 @@ use crate::{
     work::{raised, run},
 };
 
-/// Text of a study, its name in errors, and the folder of its scenes. The argument is the path of a study's file, or a
-/// dictionary with the keys of a study's file.
+/// Text of a study, its name in errors, and the folder of its scenes. `asked` is the path of a study's file, or a
+/// dictionary with the keys of such a file.
 pub fn text_of(asked: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> {
     if let Ok(keys) = asked.cast::<PyMapping>() {
         let own = PyDict::new(asked.py());

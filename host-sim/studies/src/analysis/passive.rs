@@ -71,7 +71,8 @@ pub struct Length {
     pub withheld_fraction: f64,
     /// The largest withheld fraction that a wall has.
     pub withheld_most_fraction: f64,
-    /// Mean penetration in the window divided by push / K. A value above 1 means that the wall sags.
+    /// Mean penetration in the window, divided by `push / K`. A value above 1 means that the handle sinks deeper into
+    /// the wall than its K allows.
     pub sag: f64,
 }
 
@@ -85,7 +86,7 @@ pub struct Hits {
     /// Number of walls that have given more energy than the reserve allows.
     #[serde(rename = "walls_beyond_reserve")]
     pub beyond: usize,
-    /// Fraction of the outputs in contact that the controller has changed.
+    /// The controller has changed this fraction of the outputs in contact.
     pub limited_fraction: f64,
     /// The force that the controller withholds, as a fraction of the wall's force.
     pub withheld_fraction: f64,
@@ -97,7 +98,7 @@ pub struct Hits {
     pub roughness_n: f64,
 }
 
-/// Results of one cutoff at one limit, with or without the controller.
+/// The results of one cutoff at one limit, either with or without the controller.
 #[derive(Clone, Debug)]
 pub struct PassiveRow {
     /// Nominal cutoff of the estimator, in Hz; `None` if it has no cutoff.

@@ -86,8 +86,8 @@ pub fn place(cell: Cell) -> (i32, i32) {
 /// Finds the walk and the cell that are most likely needed next. The cell has no verdict yet, and does not run in a
 /// lane.
 pub fn likeliest(running: &BTreeMap<usize, Running>) -> Option<(usize, Cell)> {
-    // Possible continuations of the walks, the most likely first. If two continuations are equally likely, the
-    // continuation of the first walk comes first. A probability is not negative, so its bits have the same order.
+    // Possible continuations of the walks. The most likely comes first. If two are equally likely, the continuation of
+    // the first walk comes first. A probability is not negative, so its bits have the same order.
     let mut walks: Vec<Walk> = running.values().map(|of| of.progress.walk()).collect();
     let start = |(place, of)| (1f64.to_bits(), Reverse(of), Reverse(place));
     let mut heap: BinaryHeap<_> = running.keys().copied().enumerate().map(start).collect();

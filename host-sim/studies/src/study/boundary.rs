@@ -1,4 +1,4 @@
-//! The boundary of the stable walls at one cutoff. The core's walk finds this boundary hit by hit.
+//! The boundary of the stable walls at one cutoff. The core's walk finds it hit by hit.
 
 use std::borrow::Cow;
 
@@ -164,7 +164,7 @@ impl Boundaries {
         table
     }
 
-    /// Number of boundaries that ended at a cap or went beyond a cap.
+    /// Number of boundaries whose walk ended at a cap or went beyond it.
     pub fn capped(&self) -> usize {
         self.iter().filter(|boundary| !matches!(boundary.ended, None | Some(Ended::Closed))).count()
     }

@@ -153,7 +153,7 @@ impl Column {
         let damping_n_s_per_m = self.damping_n_s_per_m;
         let mut longest =
             Interval { damping_n_s_per_m, stiffness_low_n_per_m: 0.0, stiffness_high_n_per_m: 0.0 };
-        // Lowest K of the current run. The first run begins at K = 0, below the first line of the grid.
+        // Lowest K of the run of stable hits so far. The first run begins at K = 0, below the first line of the grid.
         let mut run_n_per_m = Some(0.0);
         for (&next, stable) in self.stiffnesses_n_per_m.iter().zip(verdicts) {
             if !stable {

@@ -396,7 +396,7 @@ mod tests {
         }
         let hz: Vec<f64> = found[0].cutoffs.iter().map(|(hz, _)| *hz).collect();
         assert_eq!(hz, [300.0, 1000.0]);
-        // A shorter latency gives more area, and a smaller limit gives less area.
+        // A shorter latency gives more area. A smaller limit gives less area.
         let area = |n: usize| found[n].area();
         assert!(area(1) > 10.0 * area(0) && area(2) < area(0) && area(3) < area(1));
         // Both engines give the same bits.

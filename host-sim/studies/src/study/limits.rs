@@ -99,7 +99,7 @@ impl Question {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Situation {
     pub push: PushBy,
-    /// A name of [`Scene::arms`]; `None` for the scene's own arm.
+    /// Name of an arm in [`Scene::arms`]; `None` for the scene's own arm.
     pub arm: Option<String>,
 }
 

@@ -49,7 +49,7 @@ const APART: f64 = 0.562;
 /// If a neighbour of the best cutoff has less than this share of the best area, the walk of this neighbour has ended
 /// too early.
 const BROKEN: f64 = 0.5;
-/// If a walk has ended too early, the grid may begin at another wall this number of times.
+/// If a walk has ended too early, the grid may begin at another wall. This happens at most this many times.
 const SEEDS: usize = 3;
 /// A cutoff is only examined if its area is at least this share of the best area.
 const PROMISING: f64 = 0.3;

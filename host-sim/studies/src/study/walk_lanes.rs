@@ -127,7 +127,7 @@ struct Walks<'a, D> {
     running: BTreeMap<usize, Running>,
     /// For each lane, the walk and the cell that run in it; `None` for a free lane.
     lanes: Vec<Option<(usize, Cell)>>,
-    /// The boundary of the walk that ended last in these lanes.
+    /// Boundary of the walk that was the last one to end in these lanes.
     last: Guide,
     done: D,
 }

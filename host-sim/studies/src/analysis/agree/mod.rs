@@ -1,7 +1,7 @@
 //! Compares a measured walk with the walk that a scene predicts. Do the walks agree? If not, which number of the scene
 //! explains the difference best?
 //!
-//! **Distance** of two walks, N/m: `sqrt(sum over B of max(0, |K - K'| - step)^2 / n)`, where n is the number of
+//! **Distance** of two walks, in N/m: `sqrt(sum over B of max(0, |K - K'| - step)^2 / n)`, where n is the number of
 //! measured B. One step of K is subtracted, because a walk does not resolve smaller differences. If only one of the
 //! walks reaches a B, the other walk has K = 0 at this B.
 //!
@@ -53,7 +53,7 @@ pub struct Row {
     pub predicted: f64,
     pub predicted_low: f64,
     pub predicted_high: f64,
-    /// Measured K; 0 if the measured walk does not reach this B.
+    /// K of the measured walk. It is 0 if the measured walk does not reach this B.
     pub measured: f64,
 }
 
@@ -84,7 +84,7 @@ pub struct Agreement {
     pub distance: f64,
     /// The largest distance that one of the scene's own walks has from the mean of the others, in N/m.
     pub scatter: f64,
-    /// The suspects, in ascending order of the remaining distance; empty if the walks agree.
+    /// The suspects, in ascending order of the remaining distance. The list is empty if the walks agree.
     pub tried: Vec<Tried>,
 }
 

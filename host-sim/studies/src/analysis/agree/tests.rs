@@ -16,7 +16,7 @@ fn compared(named: &NamedScene, measured: &Measured) -> Agreement {
     agree(Engine::lanes(), named, measured, &stop, || ()).unwrap()
 }
 
-/// The walk of a scene, from a start that the prediction does not use.
+/// Makes the walk of a scene. It begins at a start that the prediction does not use.
 fn measured(scene: &Scene, cutoff_hz: f64, start: f64) -> Measured {
     let (prepared, stop) = (PreparedScene::new(scene).unwrap(), AtomicBool::new(false));
     let filter = scene.velocity.at(cutoff_hz);

@@ -54,7 +54,7 @@ pub struct WallRow {
     pub predicted_n_per_m: f64,
     pub predicted_low_n_per_m: f64,
     pub predicted_high_n_per_m: f64,
-    /// Measured K; 0 if the measured walk does not reach this B.
+    /// K of the measured walk. It is 0 if the measured walk does not reach this B.
     pub measured_n_per_m: f64,
     /// K that the best suspect predicts; `None` if the walks agree.
     pub explained_n_per_m: Option<f64>,
@@ -66,7 +66,7 @@ pub struct SuspectRow {
     pub name: &'static str,
     pub key: String,
     pub unit: String,
-    /// The scene's value; `None` if the scene does not have the element.
+    /// The value in the scene; `None` if the scene does not have the element.
     pub scene: Option<f64>,
     /// The value in the middle of the range from `low` to `high`. It is one of the tried values.
     pub value: f64,

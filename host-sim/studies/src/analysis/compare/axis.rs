@@ -38,7 +38,7 @@ pub struct Axes {
     pub whole: bool,
     /// The tunings with the lowest and the highest bandwidth.
     pub tuning: [f64; 2],
-    /// Lowest and highest bandwidth, Hz.
+    /// Lowest and highest bandwidth, in Hz.
     pub bandwidth_hz: [f64; 2],
     /// Whether the core refuses every tuning beyond the lower end and beyond the upper end.
     pub refused_beyond: [bool; 2],
@@ -143,7 +143,7 @@ impl Axes {
         bandwidth_hz(&self.start.with_tuning(tuning), &self.design).ok()
     }
 
-    /// The accepted tuning nearest to `far`. The search begins at `near`, which must be accepted.
+    /// Searches the accepted tuning that is nearest to `far`. The search begins at `near`, which must be accepted.
     fn last_accepted(&self, near: f64, far: f64) -> f64 {
         let nearest = |tuning: f64| if self.whole { tuning.round() } else { tuning };
         let (mut good, mut bad) = (near, far);

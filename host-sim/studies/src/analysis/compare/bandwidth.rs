@@ -35,7 +35,7 @@ const LOWEST: f64 = 1e-5;
 /// Number of grid points from `LOWEST` to half the sample rate. A decade has 80 points.
 const POINTS: u32 = 376;
 
-/// -3 dB frequency of the response from the position to the estimate, Hz.
+/// Bandwidth in Hz: the frequency at which the response from the position to the estimate is -3 dB.
 pub fn bandwidth_hz(settings: &VelocitySettings, design: &Design) -> Result<f64, SettingsError> {
     let of_rate = match *settings {
         VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio }

@@ -62,8 +62,7 @@ use crate::{
 pub enum Entry {
     /// An estimator that the search tunes.
     Tuned(EstimatorName),
-    /// Observer with known latency. The observer gets each force when the force acts, and not when the force is
-    /// granted.
+    /// An observer that knows the latency. It gets each force when the force acts, and not when the force is granted.
     ObserverInTime,
     /// A common choice: a first-order low-pass at 50 Hz. It is not tuned.
     AdHoc,

@@ -22,7 +22,7 @@ use crate::{
 pub struct Contact {
     /// Whether the wall is stable with this estimator from every start.
     pub stable: bool,
-    /// RMS of the force above [`ROUGH_ABOVE_HZ`] in each hit, N.
+    /// RMS of the force above [`ROUGH_ABOVE_HZ`] in each hit, in N.
     pub roughness_n: Vec<f64>,
 }
 

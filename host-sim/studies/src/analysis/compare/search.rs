@@ -205,14 +205,14 @@ pub fn tune(
     let walker = Walker { engine, scene, stop, done };
     let (best, mut tuned) = walker.best(start, is_free, budget)?;
     let area = tuned.boundaries.area();
-    // Wrong settings below and above the best settings. The loss of area at a wrong tuning is multiplied by a share.
-    // For a wrong mass of a model the loss is not scaled.
+    // Settings that are wrong: below and above the best settings. At a wrong tuning, the loss of area is multiplied by
+    // a share. At a wrong mass of a model, the loss is not scaled.
     let mut wrongs: Vec<(usize, Option<f64>, VelocitySettings)> = vec![];
     let axes = walker.axes(start, is_free);
     for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
         let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
-        // A whole-number tuning is not wrong by exactly the factor. So the loss is scaled by the ratio of the
-        // logarithms of the wanted and the reached factor.
+        // A whole-number tuning is not wrong by exactly the wanted factor. So the loss is multiplied by the logarithm
+        // of the wanted factor, divided by the logarithm of the reached factor.
         let share = |reached: f64| Some(factor.ln() / reached.ln());
         wrongs.extend(wrong.map(|(wrong, reached)| (side, share(reached), wrong)));
     }

@@ -66,8 +66,8 @@ const SAMPLES: u32 = 40_000;
 /// Speeds at which the noise in motion is measured, in counts per sample.
 const SPEEDS: [f64; 6] = [0.010_618, 0.038_197, 0.123_606, 0.381_966, 1.127_3, 2.902_7];
 
-/// A motion as a function from the sample number to position and speed. The position is in counts, with edges at whole
-/// numbers. The speed is in counts per sample.
+/// A motion: a function that gives position and speed at a sample number. The position is in counts, with edges at
+/// whole numbers. The speed is in counts per sample.
 type Motion<'a> = dyn FnMut(u32) -> [f64; 2] + 'a;
 
 /// Measures the filter `velocity` with the values of the scene.
@@ -285,7 +285,7 @@ mod tests {
         let plain = signal(VelocitySettings::Difference {});
         assert!((plain.delay_s.hand / 5e-5 - 1.0).abs() < 0.02, "{plain:?}");
         assert!((plain.phase_100_hz_deg.hand + 1.8).abs() < 0.05, "{plain:?}");
-        // For an estimator that uses only the position, hand and motor give the same result.
+        // An estimator that uses only the position gives the same result for the hand and the motor.
         assert_eq!(plain.delay_s.hand, plain.delay_s.motor);
         let butterworth = signal(VelocitySettings::Butterworth { cutoff_hz: 500.0 });
         assert!((butterworth.delay_s.hand / 5.0e-4 - 1.0).abs() < 0.01, "{butterworth:?}");

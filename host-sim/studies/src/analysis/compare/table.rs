@@ -63,7 +63,7 @@ pub struct Criterion {
     /// Number of digits after the point in printed tables.
     pub digits: usize,
     pub part: Part,
-    /// Which values are better; `None` if the criterion ranks nothing.
+    /// Which values are better; `None` if the criterion does not rank estimators.
     pub better: Option<Better>,
     /// Gives the values of all repeats. It gives one value if the criterion is measured once, and none if the criterion
     /// does not apply.
@@ -188,7 +188,7 @@ fn share(c: &Compared, place: &Place) -> Option<f64> {
     (place.told_area > 0.0).then(|| c.tuned.boundaries.area() / place.told_area)
 }
 
-/// Roughness of each hit at the middle wall; empty if that wall is unstable.
+/// Roughness of each hit at the middle wall. The list is empty if that wall is unstable.
 fn roughness(c: &Compared) -> Vec<f64> {
     let [_, middle, _] = &c.contacts;
     if middle.stable { middle.roughness_n.clone() } else { vec![] }

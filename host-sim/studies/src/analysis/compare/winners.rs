@@ -156,7 +156,7 @@ mod tests {
         assert_eq!(winner.best, ["kalman-2"]);
         assert_eq!(winner.not_told_apart, ["butterworth", "kalman-3"]);
         assert_eq!(winner.butterworth_rank, Some(1));
-        // The same means without scatter. In this case the test shows that two estimators are better than Butterworth.
+        // The same means without scatter. Here the test shows that two estimators are better than Butterworth.
         let winner = of(
             Better::More,
             &[("butterworth", &[94.0; 4]), ("kalman-2", &[100.0; 4]), ("kalman-3", &[99.0; 4])],

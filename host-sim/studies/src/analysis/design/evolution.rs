@@ -1,4 +1,4 @@
-//! Differential evolution in a unit cube, with several populations at once.
+//! Searches filters with differential evolution in a unit cube. Several populations evolve at once.
 //!
 //! R. Storn and K. Price, "Differential evolution: a simple and efficient heuristic for global optimization over
 //! continuous spaces", J. Global Optimization 11, 1997. The scale of the differences is drawn again for each

@@ -82,7 +82,7 @@ pub struct Question {
     pub delay_s: Option<f64>,
     /// Largest allowed roughness of the force, in N.
     pub roughness_n: Option<f64>,
-    /// Smallest allowed area of a mistuned filter, as a share of the area of the correctly tuned filter.
+    /// Smallest area that a mistuned filter may have, as a share of the area of the correctly tuned filter.
     pub mistuned_share: Option<f64>,
     /// Number of sections of a filter, 1 or 2.
     pub sections: u8,

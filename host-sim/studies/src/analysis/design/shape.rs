@@ -66,8 +66,8 @@ fn between([low, high]: [f64; 2], part: f64) -> f64 {
 }
 
 impl Shape {
-    /// The filter at a point of the search. Each coordinate is 0 to 1. Each parameter is rounded to four digits or
-    /// less. Eight coordinates give two sections.
+    /// The filter that belongs to a point of the search. Each coordinate is 0 to 1. Each parameter is rounded to four
+    /// digits or less. Eight coordinates give two sections.
     pub fn at(place: &[f64], rate_hz: f64) -> Self {
         let number = |n: usize| place.get(n).copied().unwrap_or_default();
         let of = |n: usize, frequency_hz: f64| {

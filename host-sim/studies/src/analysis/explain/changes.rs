@@ -104,7 +104,7 @@ fn estimator_cycles(scene: &Scene, name: EstimatorName) -> Option<f64> {
     Some((cycles(cost::of(name))? - own) * scene.control.rate_hz)
 }
 
-/// Cost of an estimator compared with the scene's own estimator.
+/// Cost of an estimator as a text, and the cycles per second that it needs in addition to the scene's own estimator.
 pub fn cost_of_estimator(scene: &Scene, name: EstimatorName) -> (String, Option<f64>) {
     let cycles_per_s = estimator_cycles(scene, name);
     let text = match cost::of(name) {
@@ -116,7 +116,7 @@ pub fn cost_of_estimator(scene: &Scene, name: EstimatorName) -> (String, Option<
     (text, cycles_per_s)
 }
 
-/// Number of counts per travel of the handle, for an encoder with this resolution.
+/// Number of counts per mm or per turn of the handle as a text. The encoder has this resolution.
 fn counts(units: Units, resolution_m: f64) -> String {
     match units {
         Units::Linear => format!("{:.0} counts per mm of handle", 1e-3 / resolution_m),
@@ -133,8 +133,8 @@ fn integrated(mut scene: Scene) -> Scene {
     scene
 }
 
-/// All changes for which the core accepts the changed scene. The changes are in the order of the loop: encoder,
-/// velocity, time, output, amplifier, motor, mechanics.
+/// All changes for which the core accepts the changed scene. They are in the order in which the loop passes the
+/// elements: encoder, velocity, time, output, amplifier, motor, mechanics.
 pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
     let mut all = vec![];
     let mut add = |name, kind, text: String, cost: String, edit: &dyn Fn(&mut Scene)| {

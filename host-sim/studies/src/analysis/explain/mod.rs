@@ -283,7 +283,7 @@ pub fn explain(
     Ok(Explanation { base, changes: explained, damping_n_s_per_m })
 }
 
-/// A function that walks a scene with several tunings of one estimator, from the given starts.
+/// A function that makes walks. It gets a scene, several tunings of one estimator, and the starts.
 type Walks<'a> =
     dyn Fn(&Scene, &[VelocitySettings], &[f64]) -> Result<Vec<Boundaries>, Error> + Sync + 'a;
 

@@ -1,4 +1,4 @@
-//! Checks of a record before and after the fit. Each refusal states its reason.
+//! Checks a record before and after the fit. Each refusal says its reason.
 
 use super::{
     Drive, Options,
@@ -121,7 +121,7 @@ const USUAL_KG: std::ops::RangeInclusive<f64> = 0.005..=20.0;
 const USUAL_FORCE_N: f64 = 500.0;
 const USUAL_SPEED_M_PER_S: f64 = 20.0;
 
-/// Warnings about values that a hand-held device cannot have, each with the likely cause.
+/// Warnings about values that a hand-held device cannot have. Each names the likely cause.
 pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<String> {
     let mut questions = vec![];
     if !USUAL_KG.contains(&mass_kg) {

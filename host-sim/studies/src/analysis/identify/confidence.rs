@@ -216,14 +216,14 @@ pub(super) fn standard_error(estimate: &Estimate) -> f64 {
 pub(super) struct Hidden {
     /// Derivative of the positions with respect to the parameter.
     pub by: DVector<f64>,
-    /// Part of the derivative that is orthogonal to the model's own derivatives.
+    /// The part of this derivative that is orthogonal to the model's own derivatives.
     pub left: DVector<f64>,
     /// The parameter is never larger than this, whatever the record is.
     pub most: f64,
 }
 
-/// The estimates of a solution. A `hidden` parameter may have any size that the record allows. If this parameter could
-/// move a value far outside the interval of the value, this interval is widened to contain the change.
+/// The estimates of a solution. A `hidden` parameter may have any size that the record allows. Suppose that it could
+/// move a value far outside of the value's interval. Then the interval is widened to contain the change.
 ///
 /// # Errors
 /// The record cannot distinguish some parameters, or `stop` was set. The message names these parameters.

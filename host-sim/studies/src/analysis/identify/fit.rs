@@ -317,9 +317,9 @@ impl Problem<'_> {
         jacobian
     }
 
-    /// Derivatives as differences over a change of one standard error, along the principal axes of `jacobian`. Stick
-    /// and slip of friction give the model several kinks within an interval. So the derivative at one point does not
-    /// represent the interval.
+    /// Computes the derivatives as differences. The parameters change by one standard error along the principal axes of
+    /// `jacobian`. Stick and slip of friction give the model several kinks within an interval. So the derivative at one
+    /// point does not represent the interval.
     fn secants(&self, jacobian: &DMatrix<f64>, deviation_m: f64) -> Option<DMatrix<f64>> {
         let scales: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
         let mut scaled = jacobian.clone();
@@ -462,7 +462,7 @@ pub(super) fn motion(fitted: &[Fitted<'_>]) -> f64 {
     (squares / rows).sqrt()
 }
 
-/// The solution with its residual (measured minus model) and its derivatives.
+/// The solution of a fit with its residual and its derivatives. The residual is the measured value minus the model.
 pub(super) struct Solution {
     pub values: Values,
     pub residual_m: DVector<f64>,
@@ -509,7 +509,7 @@ pub(super) fn deviation(jacobian: &DMatrix<f64>, place: usize) -> f64 {
     least_squares_step(&others, &own).map_or(0.0, |step| 1.0 / (own - others * step).norm())
 }
 
-/// The Gauss-Newton step. To move to the minimum, subtract this step from the values.
+/// The Gauss-Newton step. Subtract it from the values to move to the minimum.
 fn least_squares_step(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
     let mut scaled = jacobian.clone();
     let scales: Vec<f64> =

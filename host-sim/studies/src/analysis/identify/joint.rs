@@ -1,6 +1,6 @@
-//! Joint error of the estimates, for devices that are drawn at random from an identification. An error of the positions
-//! changes mass, damping and latency together. Values that are drawn independently would give devices that do not fit
-//! the record.
+//! The joint error of the estimates. It is needed to draw random devices from an identification. An error of the
+//! positions changes mass, damping and latency together. Values that are drawn independently would give devices that do
+//! not fit the record.
 
 use std::f64::consts::{PI, TAU};
 

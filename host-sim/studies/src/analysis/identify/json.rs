@@ -45,7 +45,7 @@ impl From<Estimate> for Interval {
     }
 }
 
-/// The terms in addition to mass, damping and spring; absent if there are none.
+/// The terms that are fitted in addition to mass, damping and spring. The key is absent if there are none.
 #[derive(Serialize)]
 struct TermsJson {
     friction_n: Option<Interval>,

@@ -93,7 +93,7 @@ pub(super) fn misfit(
         .or_else(|| beyond(2).map(|_| Misfit::InMotion))
 }
 
-/// Mean square of a residual, and mean square of its means over stretches.
+/// Mean square of a residual, and mean square of the means of its stretches.
 fn measures(residual: &[f64], rows: &[usize]) -> [f64; 2] {
     let square = residual.iter().map(|r| r * r).sum::<f64>() / residual.len() as f64;
     let (mut sum, mut count, mut rest) = (0.0, 0.0, residual);

@@ -199,8 +199,8 @@ impl Motion {
                         return (state, Mode::Rest);
                     };
                     state[2] = drive + (state[2] - drive) * (-self.pole() * after_s).exp();
-                    // The acceleration at the end of the step gives the direction, because at the instant itself the
-                    // net force is exactly f.
+                    // At the instant itself the net force is exactly f. So the acceleration at the end of the step
+                    // gives the direction.
                     let towards = if self.pole() > 0.0 { drive } else { state[2] };
                     let net = self.net(&state) - state[2] + towards;
                     mode = Mode::Slides(net.signum());

@@ -27,7 +27,7 @@ pub struct Planned {
 }
 
 impl Planned {
-    /// A plan for the scene's device on its board.
+    /// Plans the pulses for the scene's device on its board.
     ///
     /// # Errors
     /// The travel has no room for a train.

@@ -22,7 +22,7 @@ const STEP_S: RangeInclusive<f64> = 1e-5..=0.1;
 pub(super) const IN_MM: &str = "; position_m is in m: are these mm?";
 /// Largest travel of a handle, in m. There is no limit for an angle.
 const TRAVEL_MAX_M: f64 = 5.0;
-/// Number of counts by which the position changes when a 16-bit counter wraps.
+/// When a 16-bit counter wraps, the position changes by this number of counts.
 const WRAP: f64 = 65_536.0;
 /// Command and position on an even grid of time.
 #[derive(Clone, Debug, PartialEq)]

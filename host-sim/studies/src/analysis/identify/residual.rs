@@ -35,7 +35,7 @@ const BLOCK: usize = 128;
 const FEWEST_BLOCKS: usize = 4;
 /// A residual with at least this coherence is bound by quantisation. The noise is then below 0.28 counts RMS.
 const BOUND: f64 = 0.2;
-/// The squared coherence of a residual that is bound by quantisation must be this number of standard errors above 0.
+/// A residual only counts as bound by quantisation if its squared coherence is this number of standard errors above 0.
 const CERTAIN: f64 = 4.0;
 /// A sensor without counts has residuals in this share of the motion as their unit. With this unit the values are near
 /// 1.
@@ -43,7 +43,7 @@ const UNIT_SHARE: f64 = 1e-6;
 /// Number of harmonics of the sawtooth that are computed.
 pub(super) const HARMONICS: u32 = 64;
 
-/// Residual and modelled position of one record, both in counts.
+/// The residual and the modelled position of one record. Both are in counts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Piece<'a> {
     pub residual: &'a [f64],

@@ -13,8 +13,8 @@ const ELEMENTS: [&str; 7] =
 /// Number of digits with which numbers are written. It is enough for every result.
 const DIGITS: usize = 12;
 
-/// The tables of `base`'s file, with device, gain, latency and elements of `scene`. `scene` has linear values at the
-/// handle. The texts are notes for the reader.
+/// The tables of the file of `base`. Device, gain, latency and elements are those of `scene`. `scene` has linear values
+/// at the handle. The texts are notes for the reader.
 ///
 /// # Errors
 /// [`Error::Internal`] only, because `base` was read before.

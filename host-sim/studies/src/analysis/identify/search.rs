@@ -796,7 +796,8 @@ impl Search<'_> {
     }
 }
 
-/// The parameter with the largest component along the direction about which the record has the least information.
+/// The parameter that the record shows least. It has the largest component along the direction about which the record
+/// has the least information.
 fn weakest(jacobian: &DMatrix<f64>) -> Option<usize> {
     let mut scaled = jacobian.clone();
     for mut column in scaled.column_iter_mut() {

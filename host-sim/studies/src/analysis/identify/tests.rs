@@ -356,7 +356,7 @@ fn any_record_with_any_options_is_answered_or_refused() {
 }
 
 /// A knob in a speed loop. The friction of the knob varies with its angle. The fit of the encoder's error once found
-/// that friction holds the knob at the first row, but continued with a layout that has a first speed.
+/// that friction holds the knob at the first row, but then continued with a layout that still had a first speed.
 #[test]
 fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     const RADIUS_M: f64 = AXIS_M;
@@ -408,7 +408,8 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     assert!(found.mass_kg.holds(inertia), "{:?} {inertia}", found.mass_kg);
 }
 
-/// A pulse on a mass with damper and spring, with noise. In the record, the voltage is `late_rows` late.
+/// A pulse on a mass with damper and spring. The positions have noise. In the record, the voltage is `late_rows` rows
+/// late.
 fn pulses(seed: u64, late_rows: usize) -> Record {
     const ROWS: usize = 2000;
     let scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -527,8 +528,8 @@ fn of_axis(record: &Record) -> Result<Identification, String> {
     identify(std::slice::from_ref(record), &options)
 }
 
-/// Checks that inertia, damping and friction of an axis are inside their intervals. Also checks that the fit finds no
-/// other term.
+/// Checks that inertia, damping and friction of an axis are inside their intervals. It also checks that the fit finds
+/// no other term.
 fn holds(record: &Record, truth: [f64; 3]) {
     let found = of_axis(record).unwrap();
     let terms = &found.terms;

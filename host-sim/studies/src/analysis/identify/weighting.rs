@@ -89,8 +89,8 @@ impl Weighting {
         }
     }
 
-    /// Converts the effect of weighted errors to the effect of row errors. With [`Force`](Self::Force) the effect stays
-    /// unchanged, because each weighted error combines several rows.
+    /// Converts an effect of weighted errors to the effect of the rows' own errors. With [`Force`](Self::Force) the
+    /// effect stays unchanged, because each weighted error combines several rows.
     pub fn of_rows(&self, weighed: &mut [f64]) {
         if let Self::Readings(weights) = self {
             weighed

@@ -82,8 +82,8 @@ enum Plant {
     Augmented(Augmented),
 }
 
-/// Three values: the positions at the samples of a period, the first of these positions, and 1 / Hx times this first
-/// position, without the whole periods of latency.
+/// Three values: the positions at the samples of a period, the first of these positions, and `1 / Hx` times this first
+/// position. The third leaves out the whole periods of latency.
 type Positions = (Vec<Complex<f64>>, Complex<f64>, Complex<f64>);
 
 /// The open loop, prepared for many frequencies.

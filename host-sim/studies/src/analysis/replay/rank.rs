@@ -304,7 +304,7 @@ mod tests {
         // Sweeps of the scenes order these estimators in the same way.
         assert!(of("kalman-3").error_m_per_s < of("kalman-2").error_m_per_s);
         assert!(of("butterworth").error_m_per_s < of("difference").error_m_per_s);
-        // The error of a difference comes from two roundings and a delay of half a sample.
+        // The error of the plain difference comes from two roundings and from a delay of half a sample.
         let known = (2.0f64 / 12.0).sqrt() * 1e-2;
         assert!((of("difference").error_m_per_s / known - 1.0).abs() < 0.3);
         for row in rows {

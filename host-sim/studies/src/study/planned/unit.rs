@@ -306,7 +306,7 @@ fn walk(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), E
 
 /// Reason for the end of a walk whose first wall is unstable. The area of such a walk is 0.
 const UNSTABLE: &str = "first_unstable";
-/// Verdict of a hit in which the handle left the core's range.
+/// Verdict of a hit in which the handle has left the core's range.
 const OUT_OF_RANGE: &str = "out_of_range";
 
 fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Error> {

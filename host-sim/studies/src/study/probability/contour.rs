@@ -219,8 +219,8 @@ mod tests {
             ends.map(|i| [i.damping_n_s_per_m, i.stiffness_low_n_per_m, i.stiffness_high_n_per_m])
                 .collect::<Vec<_>>()
         };
-        // The line from 20 to 10 reaches 19 after a tenth of a cell. The line from 0 to 20 reaches 19 after 19 of 20
-        // parts.
+        // Between the shares 20 and 10, the line reaches 19 after a tenth of a cell. Between 0 and 20, it reaches 19
+        // after 19 of 20 parts of a cell.
         assert_eq!(of(0.95), [[5.0, 0.0, 360.0], [15.0, 145.0, 350.0], [25.0, 345.0, 550.0]]);
         assert_eq!(of(0.5)[0], [5.0, 0.0, 450.0]);
     }

@@ -129,8 +129,8 @@ fn an_interval_of_a_quantile_holds_it() {
     assert!(ranks(DRAWS_MIN, WORST)[0].is_some() && ranks(DRAWS_MIN - 1, WORST)[0].is_none());
 }
 
-/// Two cutoffs with the same distribution of areas are not distinguished. A cutoff that is a tenth better for each
-/// device is distinguished.
+/// Two cutoffs with the same distribution of areas are not distinguished. They are distinguished if one is a tenth
+/// better for each device.
 #[test]
 fn cutoffs_are_alike_if_the_worst_draws_cannot_tell_them_apart() {
     let map = |cutoff_hz: f64, area: fn(u64) -> f64| Map {

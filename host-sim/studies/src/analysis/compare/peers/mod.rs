@@ -194,7 +194,7 @@ pub struct Row {
     pub of_loop: usize,
     pub name: String,
     pub does: String,
-    /// Source of the estimator. Empty for the scene's own estimator.
+    /// Source of the estimator. It is empty for the scene's own estimator.
     pub source: &'static str,
     /// The boundaries for each limit, in the order of [`PeerQuestion::limits`].
     pub boundaries: Vec<Boundaries>,

@@ -36,7 +36,7 @@ pub use table::{UsableArea, UsableStudy, parameters};
 
 /// Default limits in percent, in the form that a user types.
 pub const PERCENTS: &str = "5,10,20";
-/// The estimators that are compared by default: the usual ones of each kind, the slowest first.
+/// The estimators that are compared by default: the usual ones of each kind. The slowest comes first.
 const USUAL: [EstimatorName; 10] = [
     EstimatorName::Observer,
     EstimatorName::Butterworth,
@@ -100,7 +100,7 @@ pub struct Usable {
     /// Limit of the error of a rendered impedance, as a fraction.
     pub limit: f64,
     pub settings: VelocitySettings,
-    /// Whether the search ended because no neighbour is better.
+    /// Whether the search ended because no neighbour of its result is better.
     pub settled: bool,
     /// Boundaries of the stable walls. Each start has one boundary.
     pub boundaries: Boundaries,

@@ -34,7 +34,7 @@ const MARK_MIN: f64 = 1e-10;
 /// The search is refined at most this many times. It is refined if eigenvalues and crossings give different numbers of
 /// roots.
 const REFINEMENTS: u32 = 2;
-/// K is a difference of terms. If K at a crossing is below this share of these terms, the true K is 0.
+/// K is computed as a difference of terms. If K at a crossing is below this share of the terms, its true value is 0.
 const ZERO_STIFFNESS: f64 = 1e-12;
 /// If K at a crossing is below this share of the loop's own stiffnesses, K is a rounding error. Without any damping,
 /// every wall is unstable, and the first crossings are rounding errors.

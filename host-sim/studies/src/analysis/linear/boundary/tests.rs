@@ -223,8 +223,8 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
 
 #[test]
 fn what_nothing_damps_holds_no_wall() {
-    // Two bodies are joined by a spring or a damper, without a connection to the ground. By rounding, the bodies could
-    // seem to be on a spring of 1e-12 N/m to the ground.
+    // Two bodies are joined by a spring or a damper, without a connection to the ground. Because of rounding, they
+    // could seem to be on a spring of 1e-12 N/m to the ground.
     let device = Device { mass_kg: 1.3, damping_n_s_per_m: 0.0, stiffness_n_per_m: 0.0 };
     let joined = |stiffness_n_per_m, damping_n_s_per_m| {
         Some(Mode { mass_kg: 0.18, stiffness_n_per_m, damping_n_s_per_m })
@@ -485,8 +485,8 @@ fn stable_interval_is_followed_until_it_closes() {
     let (low, high) = interval(open).unwrap();
     println!("closes at B {open} with K {low} to {high}");
     assert!(boundary.at(open).unwrap().unstable_at_zero && low > 0.0);
-    // The width of the interval is proportional to the root of the distance in B from the closing point. This distance
-    // is 1e-12 here.
+    // The width of the interval is proportional to sqrt(distance), where the distance is that of B from the point at
+    // which the interval closes. It is 1e-12 here.
     assert!((high - low) / low < 1e-4, "{low} {high}");
     let wider = interval(open - 0.1).unwrap();
     let k = 0.5 * (wider.0 + wider.1);

@@ -1,4 +1,4 @@
-//! Passivity of a sampled virtual wall with any passive hand, after Colgate and Schenkel.
+//! Computes which sampled virtual walls are passive with any hand (after Colgate and Schenkel).
 //!
 //! ```text
 //! b > (T/2) max over 0 <= w <= pi of Re{(1 - z^-1) C(z)} / (1 - cos w),   z = exp(j w),   C = K + B V(z)

@@ -216,7 +216,7 @@ impl Point {
         let length = wall(first).norm();
         let (mut sum, mut along, mut across) = (main, size, 0.0);
         let (mut most, mut less) = (first.most * length, first.less * length);
-        // Spread of |C| over the aliases around the first alias, with the weights of the sums.
+        // How much |C| differs between the aliases around the first one. The weights are those of the sums.
         let (mut weight, mut apart, mut squares) = (first.most, 0.0, 0.0);
         for alias in aliases {
             let wall = wall(alias);

@@ -216,7 +216,7 @@ fn energy_out(of: &Loop, k: f64, b: f64, motion: &Motion) -> f64 {
     let mut commands = std::collections::VecDeque::new();
     let (mut position, mut acting) = (0.0, 0.0);
     let (mut out, mut taken) = (0.0, 0.0);
-    // After a period the motion returns to its start, so the mean speed gives the position.
+    // After a period the motion is back at its start, except for its phase. So the mean speed gives the position.
     let drift: Complex<f64> = motion.speeds.iter().sum::<Complex<f64>>() * sample_s;
     let start = drift / (Complex::from_polar(1.0, motion.omega) - 1.0);
     position += start.re;
@@ -254,7 +254,7 @@ fn a_constructed_motion_takes_energy_out_just_outside_and_none_just_inside() {
         for (share, outside) in [(1.02, true), (0.98, false)] {
             let k = share * limit;
             let demand = passivity.demand(k, b).unwrap();
-            // The record has whole turns of the motion, so stored energy returns.
+            // The record has a whole number of turns of the motion, so stored energy comes back.
             let wanted = demand.frequency_hz * f64::from(period) / 1e4 * f64::from(PERIODS);
             let omega = 2.0 * PI * wanted.round().max(1.0) / f64::from(PERIODS);
             let (asks, motion) = worst(&of, k, b, omega);
