@@ -1,4 +1,5 @@
-//! Hashes the sources of core and simulator. Only a program with the same sources can continue a study.
+//! Hashes the sources of core and simulator. A study stores this hash. Only a program with the same hash can continue
+//! the study.
 
 use std::{
     env, fs, io,
@@ -7,8 +8,8 @@ use std::{
 
 use sha2::{Digest as _, Sha256};
 
-/// Paths of the core, the loop, the studies and the versions of the libraries, relative to this crate. All these
-/// sources influence the bits of results.
+/// Paths of the core, the loop and the studies, and of the files with the versions of the libraries. The paths are
+/// relative to this crate. All these sources influence the bits of results.
 const SOURCES: [&str; 4] = ["../../src", "../loop/src", "src", "../../Cargo.toml"];
 
 fn main() -> io::Result<()> {

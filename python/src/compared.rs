@@ -1,4 +1,4 @@
-//! Comparison of estimators, and the explanation of what limits a scene's walls.
+//! Compares estimators, and explains what limits a scene's walls.
 
 use std::sync::{Arc, atomic::AtomicBool};
 
@@ -37,7 +37,7 @@ use crate::{
     work::{raised, run},
 };
 
-/// Checks the costs of a search by the rules of the command line.
+/// Checks the limits on the cost of a search. The rules are those of the command line.
 fn budget_of(tunings: u32, repeats: u32, fewest_repeats: u32) -> PyResult<Budget> {
     in_range("budget", tunings, 3..=1000)?;
     in_range("repeat", repeats, fewest_repeats..=1000)?;
@@ -49,7 +49,7 @@ fn criterion_of(name: &str) -> PyResult<Criterion> {
     named("criterion", name, Criterion::ALL, Criterion::name)
 }
 
-/// The checked scene with the criterion that ranks walls.
+/// Checks the scene and gives it the criterion that ranks walls.
 fn ranked_of(
     engine: Engine,
     scene: &NamedScene,
@@ -62,7 +62,7 @@ fn ranked_of(
     ranked(how, scene, by, rms_of).map_err(|error| error.of(&scene.name))
 }
 
-/// The named estimators, without repeated names. `None` if no names are given.
+/// The estimators with these names, without repeated names. `None` if no names are given.
 fn entries_of(named: Option<Texts>, scene: &NamedScene) -> PyResult<Option<Vec<Entry>>> {
     let Some(Several(named)) = named else { return Ok(None) };
     not_empty("estimators", &named)?;
@@ -70,46 +70,47 @@ fn entries_of(named: Option<Texts>, scene: &NamedScene) -> PyResult<Option<Vec<E
 }
 
 result! { value
-    /// The best estimators by a criterion, among the estimators with the same inputs.
+    /// The best estimators by one criterion. They are compared with estimators that have the same inputs.
     Winner {
-        /// The criterion, a column of `Comparison.table`.
+        /// Name of the criterion. It is a column of `Comparison.table`.
         criterion: String,
         /// Class of the estimators: `position_only` or `more_than_position`.
         looks_at: String,
         /// The estimators with the best mean.
         best: Tuple<String>,
-        /// Estimators that the repeats cannot distinguish from the best estimator.
+        /// Further estimators. The repeats do not show that they are worse than the best.
         not_told_apart: Tuple<String>,
         /// Value of the best estimator, in the unit of the column.
         value: f64,
-        /// Rank of finite difference and Butterworth: 1 plus the number of estimators that are shown to be better. None
-        /// if this estimator is not compared.
+        /// Rank of the finite difference and Butterworth filter. It is 1 plus the number of estimators that are shown
+        /// to be better. None if this estimator is not compared.
         butterworth_rank: Option<u32>,
     }
 }
 
 result! { table(table)
-    /// A comparison of estimators, each tuned by the same search.
+    /// A comparison of estimators. Each of them is tuned by the same search.
     Comparison {
         /// Name of the scene.
         scene: String,
         /// One row for each estimator, with the columns of the command line's `compare.csv`.
         table: Told,
-        /// All tunings that the searches tried, as in `tuning.csv`.
+        /// All tunings that the searches have tried, with the columns of `tuning.csv`.
         tunings: Told,
-        /// Every point of every walk at the found tunings, as in `boundary.csv`.
+        /// Every point of every walk at the tunings that were found, with the columns of `boundary.csv`.
         boundaries: Told,
-        /// Impedance errors by wall and frequency, as in `fidelity.csv`.
+        /// Errors of the rendered impedance by wall and frequency, with the columns of `fidelity.csv`.
         fidelity: Told,
-        /// K of the wall at which forces are compared, N/m.
+        /// K of the wall at which forces are compared, in N/m.
         stiffness_n_per_m: f64,
-        /// B of the wall at which forces are compared, N s/m. K of each boundary is also read at this B.
+        /// B of the wall at which forces are compared, in N s/m. K of each boundary is also read at this B.
         damping_n_s_per_m: f64,
-        /// The three walls at which the impedance is compared: `stiffness_n_per_m`, `damping_n_s_per_m`.
+        /// The three walls at which the impedance is compared. The columns are `stiffness_n_per_m` and
+        /// `damping_n_s_per_m`.
         walls: Told,
-        /// Mean area with the true velocity instead of an estimate, N^2 s/m^2.
+        /// Mean area if the loop gets the true velocity instead of an estimate, in N^2 s/m^2.
         true_velocity_area_n2_s_per_m2: f64,
-        /// Impedance error that only hold and latency cause, with the true velocity.
+        /// Impedance error with the true velocity. Only hold and latency cause it.
         impedance_error_of_loop: f64,
         /// The best estimators by each criterion.
         winners: Tuple<Part<Winner>>,
@@ -227,17 +228,19 @@ pub fn compare(
 }
 
 result! { table(table)
-    /// The explanation of what limits the walls of a scene.
+    /// The answer to what limits the walls of a scene.
     Explanation {
         /// Name of the scene.
         scene: String,
-        /// The unchanged scene, then the changes by area, with the columns of the command line's `explain.csv`.
+        /// The unchanged scene, then the changes, the largest area first. The columns are those of the command line's
+        /// `explain.csv`.
         table: Told,
-        /// Every point of every walk: `change`, `repeat`, `damping_n_s_per_m`, `stiffness_n_per_m`.
+        /// Every point of every walk. The columns are `change`, `repeat`, `damping_n_s_per_m` and `stiffness_n_per_m`.
         boundaries: Told,
-        /// B at which K is read, N s/m.
+        /// The B at which K is read, in N s/m.
         damping_n_s_per_m: f64,
-        /// Which part to buy, which walls are possible without a new part, and whether another estimator helps.
+        /// Sentences that say which part to buy, which walls are possible without a new part, and whether another
+        /// estimator helps.
         answers: Tuple<String>,
     }
 }
@@ -305,7 +308,7 @@ pub fn explain(
 
 const NAMES: Names = Names { limits: "limits", steps: "steps" };
 
-/// A limit from Python: metres, or a word of the command line.
+/// A limit as Python gives it: a number in m, or a word as on the command line.
 #[derive(FromPyObject)]
 pub enum LimitGiven {
     Metres(f64),
@@ -321,7 +324,8 @@ fn limit_of(words: &str) -> PyResult<LimitAsked> {
 }
 
 result! { table(table)
-    /// The default velocity filters of other systems, compared with the scene's own estimator and the true velocity.
+    /// The default velocity filters of other systems. They are compared with the scene's own estimator and the true
+    /// velocity.
     Peers {
         /// Name of the scene.
         scene: String,
@@ -413,8 +417,8 @@ result! { table(table)
     Usable {
         /// Name of the scene.
         scene: String,
-        /// One row for each limit and estimator, the largest area first, with the columns of the command line's
-        /// `usable.csv`. `within_percent` is NaN if any error is allowed.
+        /// One row for each limit and estimator. The largest area comes first. The columns are those of the command
+        /// line's `usable.csv`. `within_percent` is NaN if any error is allowed.
         table: Told,
     }
 }

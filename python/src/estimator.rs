@@ -1,4 +1,4 @@
-//! The core's velocity estimators, applied to recorded counts.
+//! Applies the core's velocity estimators to recorded counts.
 
 use std::sync::Arc;
 
@@ -67,11 +67,11 @@ pub struct Estimator {
     parameters: LoopParameters,
     design: Design,
     sense: Option<Sense>,
-    /// `None` before the first count.
+    /// The sampler and the width of the counter. `None` before the first count.
     state: Option<(CounterWidth, Sampler)>,
 }
 
-/// Number of counts between two checks for the interpreter's signals. A block takes some milliseconds.
+/// After this number of counts, the interpreter's signals are checked. A block of this size takes some milliseconds.
 const BLOCK: usize = 1 << 16;
 const NAMES: Names =
     Names { cutoff: "cutoff", stiffness: "", damping: "", start_offset: "start_offset" };
@@ -106,7 +106,7 @@ fn velocity_table(name: &str, scene: &NamedScene) -> PyResult<toml::Table> {
     Ok(table)
 }
 
-/// The scene with another table `[velocity]`, and with this cutoff as its only cutoff.
+/// A copy of the scene with another table `[velocity]`. This cutoff is its only cutoff.
 fn with_estimator(
     scene: &NamedScene,
     velocity: toml::Table,
@@ -125,7 +125,7 @@ fn with_estimator(
     NamedScene::parse(other.name.clone(), text, &other.name).map_err(raised)
 }
 
-/// An array, or an object that converts to one.
+/// An array, or another Python object that converts to one.
 pub struct ArrayLike<'py>(Bound<'py, PyUntypedArray>);
 
 impl<'py> FromPyObject<'_, 'py> for ArrayLike<'py> {
@@ -139,7 +139,7 @@ impl<'py> FromPyObject<'_, 'py> for ArrayLike<'py> {
 }
 
 impl<'py> ArrayLike<'py> {
-    /// Size of a number in bytes. `None` if the numbers are not whole.
+    /// Size of one number in bytes. `None` if the numbers are not whole.
     fn whole(&self) -> Option<usize> {
         let dtype = self.0.dtype();
         matches!(dtype.kind(), b'i' | b'u').then(|| dtype.itemsize())
@@ -174,7 +174,7 @@ impl<'py> ArrayLike<'py> {
     }
 }
 
-/// Format of the core's inputs other than the counts.
+/// Text that describes the format of the inputs other than the counts.
 const FORMAT: &str = "whole numbers of 32 bits in the core's format (docs/estimators.md)";
 
 #[pymethods]
@@ -205,25 +205,25 @@ impl Estimator {
         Ok(Self { scene, cutoff_hz, parameters, design, sense, state: None })
     }
 
-    /// The scene with this estimator, and with this cutoff as its only cutoff.
+    /// The scene with this estimator. This cutoff is its only cutoff.
     #[getter]
     fn scene(&self) -> Scene {
         Scene(Arc::clone(&self.scene))
     }
 
-    /// Nominal cutoff, Hz; None for an estimator without a cutoff.
+    /// Nominal cutoff in Hz; None for an estimator without a cutoff.
     #[getter]
     fn cutoff_hz(&self) -> Option<f64> {
         self.cutoff_hz
     }
 
-    /// Required input in addition to the counts: "force", "acceleration", "edge times" or None.
+    /// The input that the estimator needs in addition to the counts: "force", "acceleration", "edge times" or None.
     #[getter]
     fn needs(&self) -> Option<&'static str> {
         self.sense.map(Sense::text)
     }
 
-    /// Velocity of one LSB of the core's format, m/s.
+    /// Velocity that one LSB of the core's format stands for, in m/s.
     #[getter]
     fn lsb_m_per_s(&self) -> f64 {
         1.0 / lsb_per_m_per_s(&self.design)

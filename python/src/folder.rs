@@ -1,4 +1,4 @@
-//! A study in a folder. Any machine can run units of the study. Only this process writes the results.
+//! A study whose results are in a folder. Any machine can run units of it. Only this process writes the results.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -17,7 +17,7 @@ use crate::{
     work::{raised, run},
 };
 
-/// Text, origin and folder of a study. A worker needs all three to read the study again.
+/// Text of a study, its name in errors, and the folder of its scenes. A worker needs all three to read the study again.
 #[pyfunction]
 pub fn study_text(py: Python<'_>, study: Asked) -> PyResult<(String, String, PathBuf)> {
     text_of(study.0.bind(py))
@@ -27,7 +27,7 @@ pub fn study_text(py: Python<'_>, study: Asked) -> PyResult<(String, String, Pat
 #[pyclass(frozen, module = "zwidth._native")]
 pub struct StudyUnits {
     study: Arc<Study>,
-    /// Path of the study's file, if the study was read from a file.
+    /// The study's name in errors. It is the path of the study's file if the study was read from a file.
     origin: PathBuf,
 }
 
@@ -40,7 +40,7 @@ impl StudyUnits {
         Ok(Self { study: Arc::new(study), origin: origin.into() })
     }
 
-    /// Runs a unit. Returns its key, its part, and the part's rows and hits.
+    /// Runs a unit. Returns the unit's key, its part of the result, and the part's numbers of rows and hits.
     fn make(
         &self,
         py: Python<'_>,
@@ -100,7 +100,7 @@ impl StudyFolder {
         })
     }
 
-    /// Units whose parts are missing.
+    /// Numbers of the units whose parts are not in the folder yet.
     fn missing(&self) -> PyResult<Vec<u64>> {
         let done = self.open()?.done();
         Ok((0..self.units).filter(|unit| !done.contains_key(unit)).collect())
@@ -118,7 +118,7 @@ impl StudyFolder {
         folder.add(unit, own, &Part { csv, rows, hits }).map_err(raised)
     }
 
-    /// Sorts the manifest. Returns the number of rows, hits and bytes of all parts.
+    /// Sorts the manifest. Returns the sums of rows, hits and bytes over all parts.
     fn finish(&mut self) -> PyResult<(u64, u64, u64)> {
         let done = self.folder.take().ok_or_else(closed)?.finish().map_err(raised)?;
         Ok(done.values().fold((0, 0, 0), |(rows, hits, bytes), entry| {

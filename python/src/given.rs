@@ -1,4 +1,4 @@
-//! Arguments of the functions.
+//! Converts the arguments that a caller in Python gives.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -17,7 +17,7 @@ const ITERABLE: PyStaticExpr = type_hint_identifier!("collections.abc", "Iterabl
 const TEXT: PyStaticExpr = type_hint_identifier!("builtins", "str");
 const INT: PyStaticExpr = type_hint_identifier!("builtins", "int");
 
-/// A scene from the caller.
+/// A scene that the caller gives.
 pub struct Given(pub Arc<NamedScene>);
 
 impl FromPyObject<'_, '_> for Given {
@@ -34,13 +34,13 @@ impl FromPyObject<'_, '_> for Given {
     }
 }
 
-/// A list or an array of items. A text is not a list.
+/// A list or an array of items that the caller gives. A text is not accepted as a list.
 pub struct Several<T>(pub Vec<T>);
 
 pub type Numbers = Several<f64>;
 pub type Texts = Several<String>;
 
-/// Type of an item of [`Several`].
+/// The type of one item in [`Several`].
 pub trait Item: for<'a, 'py> FromPyObject<'a, 'py> {
     /// Name of the items in an error message.
     const NAMES: &str;
@@ -79,7 +79,7 @@ pub fn several<T: for<'a, 'py> FromPyObject<'a, 'py>>(
     items.map(|item| item?.extract().map_err(Into::into)).collect()
 }
 
-/// A callable that gets the number of finished pieces of work and the number of all pieces.
+/// A callable of the caller. It gets the number of finished pieces of work and the number of all pieces.
 pub struct Progress(pub Py<PyAny>);
 
 impl FromPyObject<'_, '_> for Progress {
@@ -95,7 +95,7 @@ impl FromPyObject<'_, '_> for Progress {
     }
 }
 
-/// A path from the caller.
+/// A path that the caller gives.
 pub struct Place(pub PathBuf);
 
 impl FromPyObject<'_, '_> for Place {

@@ -40,7 +40,7 @@ mod _native {
         telemetry::{Outputs, Samples, Telemetry},
     };
 
-    /// Names of the built-in scenes, of the estimators, and of the codes in `Grid.verdict`.
+    /// Three lists of names: the built-in scenes, the estimators, and the codes in `Grid.verdict`.
     #[pyfunction]
     fn names() -> (Vec<&'static str>, Vec<&'static str>, Vec<&'static str>) {
         let scenes = sim_loop::scene::BUILT_IN.iter().map(|(name, _)| *name);

@@ -1,5 +1,5 @@
-//! Functions for measured data of a device: identification from records, comparison of walks with a scene's walks, and
-//! estimators on a capture.
+//! Functions for measured data of a device. They identify a device from records, compare measured walks with a scene's
+//! walks, and run estimators on a capture.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -26,7 +26,7 @@ use crate::{
     work::{Course, raised, run},
 };
 
-/// Each option name in messages of `identify`, and its argument in Python.
+/// Pairs of names. The first is the option that messages of `identify` use. The second is its argument in Python.
 const ARGUMENTS: [(&str, &str); 15] = [
     ("--no-spring", "spring=False"),
     ("--torque-constant", "torque_constant"),
@@ -75,7 +75,7 @@ fn terms_of(names: &[String]) -> PyResult<Terms> {
     Ok(Terms::these(has))
 }
 
-/// Terms in addition to mass, damping and spring: one word, or names.
+/// The terms to fit in addition to mass, damping and spring. The caller gives one word, or several names.
 pub struct TermsAsked(Terms);
 
 impl FromPyObject<'_, '_> for TermsAsked {
@@ -97,7 +97,7 @@ impl FromPyObject<'_, '_> for TermsAsked {
     }
 }
 
-/// One path, or several.
+/// One path or several paths that the caller gives.
 pub struct Places(Vec<PathBuf>);
 
 impl FromPyObject<'_, '_> for Places {
@@ -119,8 +119,8 @@ impl FromPyObject<'_, '_> for Places {
 }
 
 result! { value
-    /// A fitted value with its 95 % interval. If the value was given, both ends are the value. The unit is part of the
-    /// attribute's name, for example `mass_kg`.
+    /// A fitted value with its 95 % interval. If the value was given, both ends of the interval are the value. The unit
+    /// is part of the attribute's name, for example `mass_kg`.
     Estimate {
         /// The fitted or given value.
         value: f64,
@@ -128,7 +128,7 @@ result! { value
         low: f64,
         /// Upper end of the interval.
         high: f64,
-        /// Half-width of the interval for white noise.
+        /// Half-width that the interval would have for white noise.
         white_half_width: f64,
     }
 }
@@ -136,13 +136,13 @@ result! { value
 result! { value
     /// The periodic error of the encoder.
     EncoderTerm {
-        /// Amplitude once per cycle, m.
+        /// Amplitude of the part that repeats once per cycle, in m.
         first_m: Part<Estimate>,
-        /// Amplitude twice per cycle, m.
+        /// Amplitude of the part that repeats twice per cycle, in m.
         second_m: Part<Estimate>,
-        /// Phase at position 0, rad.
+        /// Phase at position 0, in rad.
         phase_rad: Part<Estimate>,
-        /// Travel per cycle, m.
+        /// Distance over which the error repeats, in m.
         cycle_m: Part<Estimate>,
     }
 }
@@ -150,47 +150,48 @@ result! { value
 result! { value
     /// A force that is periodic in the position.
     CoggingTerm {
-        /// Amplitude, N.
+        /// Amplitude of the force, in N.
         amplitude_n: Part<Estimate>,
-        /// Travel from cog to cog, m.
+        /// Travel from cog to cog, in m.
         pitch_m: Part<Estimate>,
-        /// Phase at position 0, rad.
+        /// Phase at position 0, in rad.
         phase_rad: Part<Estimate>,
     }
 }
 
 result! { value
-    /// Evidence that a term is present.
+    /// The test whether a term is present.
     TermTest {
-        /// `friction`, `stribeck`, `amplifier`, `offset`, `cogging` or `phase`.
+        /// Name of the term: `friction`, `stribeck`, `amplifier`, `offset`, `cogging` or `phase`.
         term: String,
-        /// Value divided by its standard error.
+        /// The term's value divided by its standard error.
         standard_errors: f64,
-        /// Probability of a value this far from 0 if the true value is 0, for all candidates together.
+        /// Probability of a value as far from 0 as this one, if the true value is 0. It is for all candidates together.
         p: f64,
     }
 }
 
 result! { value
-    /// Residual of a fit.
+    /// What the fit leaves unexplained: the measured position minus the model.
     Residual {
-        /// RMS of the residual, m.
+        /// RMS of the residual, in m.
         rms_m: f64,
-        /// Whether the residual is white.
+        /// Whether the residual is white, as noise is.
         white: bool,
         /// p-value of the Ljung-Box test.
         whiteness_p: f64,
-        /// Autocorrelation from row to row.
+        /// Correlation of the residual from row to row.
         autocorrelation: f64,
         /// Whether the residual comes from quantisation and not from noise.
         bound_by_quantisation: bool,
-        /// Fraction of the quantiser's sawtooth in the residual, 0 to 1.
+        /// The share of the quantiser's sawtooth that remains in the residual, 0 to 1.
         coherence: f64,
-        /// Largest residual divided by the RMS.
+        /// Largest residual divided by the residual's RMS.
         peak_per_rms: f64,
-        /// RMS in counts; None for a sensor without counts.
+        /// RMS of the residual in counts; None for a sensor without counts.
         rms_counts: Option<f64>,
-        /// RMS of the noise before the quantiser that explains the residual, counts. None for a sensor without counts.
+        /// RMS of the noise before the quantiser, in counts. Noise of this size explains the residual. None for a
+        /// sensor without counts.
         noise_counts: Option<f64>,
     }
 }
@@ -201,61 +202,62 @@ result! { table
     Identification {
         /// Names of the records.
         logs: Tuple<String>,
-        /// Number of fitted rows of all records.
+        /// Number of rows that were fitted in all records.
         rows: u64,
-        /// Time from row to row, s.
+        /// Time from row to row, in s.
         step_s: f64,
-        /// Confidence of the intervals, 0.95.
+        /// Confidence of the intervals. It is 0.95.
         confidence: f64,
-        /// Command in the records: `voltage`, `force` or `current`.
+        /// What the command in the records is: `voltage`, `force` or `current`.
         drive: String,
-        /// Source of the gain: `given`, `motor`, `weight`, `added_mass`, or `force` if the records have the force.
+        /// Where the gain comes from: `given`, `motor`, `weight`, `added_mass`, or `force` if the records have the
+        /// force.
         gain_source: String,
-        /// Mass of the device, kg.
+        /// Mass of the device, in kg.
         mass_kg: Part<Estimate>,
-        /// Damping of the device, N s/m.
+        /// Damping of the device, in N s/m.
         damping_n_s_per_m: Part<Estimate>,
-        /// Stiffness, N/m; None without a spring.
+        /// Stiffness of the spring in N/m; None without a spring.
         stiffness_n_per_m: Option<Part<Estimate>>,
-        /// Rest position of the spring, m; None without a spring.
+        /// Rest position of the spring in m; None without a spring.
         rest_position_m: Option<Part<Estimate>>,
-        /// Force per volt, N/V. None if the command is no voltage.
+        /// Force per volt in N/V; None if the command is no voltage.
         gain_n_per_v: Option<Part<Estimate>>,
-        /// Force per ampere, N/A. None if the command is no current.
+        /// Force per ampere in N/A; None if the command is no current.
         gain_n_per_a: Option<Part<Estimate>>,
-        /// Time from a row's time stamp to the effect of its command, s.
+        /// Time until the command of a row acts, in s. It begins at the row's time stamp.
         latency_s: Part<Estimate>,
-        /// Dry friction, N; None if the model has no friction.
+        /// Dry friction in N; None if the model has no friction.
         friction_n: Option<Part<Estimate>>,
-        /// Largest friction at rest, N; None if friction does not fall with the speed.
+        /// Largest friction at rest in N; None if friction does not fall with the speed.
         static_friction_n: Option<Part<Estimate>>,
-        /// Speed over which friction falls, m/s; None if friction does not fall with the speed.
+        /// Speed over which friction falls, in m/s; None if friction does not fall with the speed.
         stribeck_speed_m_per_s: Option<Part<Estimate>>,
-        /// Time constant of the amplifier, s; None if the model has no lag.
+        /// Time constant of the amplifier in s; None if the model has no lag.
         amplifier_lag_s: Option<Part<Estimate>>,
-        /// Constant force, N; None if the model has no offset.
+        /// Constant force in N; None if the model has no offset.
         offset_n: Option<Part<Estimate>>,
         /// Force that is periodic in the position; None if the model has no cogging.
         cogging: Option<Part<CoggingTerm>>,
         /// Periodic error of the encoder; None if the model has no such error.
         encoder_error: Option<Part<EncoderTerm>>,
-        /// Test of each term in the model, in addition to mass, damping and spring.
+        /// Tests of the terms that the model has in addition to mass, damping and spring.
         tests: Tuple<Part<TermTest>>,
-        /// `time_s`, `position_m`, `speed_m_per_s` at the first fitted row of each record.
+        /// State of each record at its first fitted row. The columns are `time_s`, `position_m` and `speed_m_per_s`.
         initial: Table,
         /// Residual of the fit.
         residual: Part<Residual>,
-        /// Largest ratio of a stated interval to the interval for white noise.
+        /// The largest ratio of an interval to the interval that white noise would give.
         widening: f64,
         /// Warnings about the fit.
         warnings: Tuple<String>,
         /// Notes about the scene.
         notes: Tuple<String>,
-        /// Fit of each record: `time_s`, the command (`voltage_v`, `force_n` or `current_a`), `position_m`, `model_m`,
-        /// `residual_m`. The residual is the position minus the model. If the encoder rounds down, half a count is
-        /// added to the position.
+        /// Fit of each record, as a table. The columns are `time_s`, the command (`voltage_v`, `force_n` or
+        /// `current_a`), `position_m`, `model_m` and `residual_m`. The residual is the position minus the model. If the
+        /// encoder rounds down, half a count is added to the position.
         fits: Tuple<Table>,
-        /// The base scene with the device, or the reason why it is not allowed.
+        /// The base scene with the identified device, or the reason why it is not allowed.
         scene_or_reason: Any,
     }
 
@@ -278,29 +280,30 @@ result! { table
 }
 
 result! { table(pulses)
-    /// Pulses that identify a scene's device. The table of this object is `pulses`.
+    /// Pulses with which a scene's device can be identified. The table of this object is `pulses`.
     Plan {
         /// Name of the scene.
         scene: String,
-        /// Start of each pulse, m.
+        /// Position at which each pulse starts, in m.
         start_m: f64,
-        /// Force of the pulse train, N.
+        /// Force of all pulses, in N.
         push_n: f64,
-        /// The pulses in order: force `push_n`, N, and duration `seconds`, s. The simulation gives the distance from
-        /// the start `excursion_m`, m, and the largest speed `speed_m_per_s`, m/s.
+        /// The pulses in their order. `push_n` is the force in N, `seconds` is the duration in s. Two values come from
+        /// the simulation: `excursion_m` is the distance from the start in m, and `speed_m_per_s` is the largest speed
+        /// in m/s.
         pulses: Table,
-        /// RMS of the force over the whole train with its pauses, N.
+        /// RMS of the force over the whole train with its pauses, in N.
         force_rms_n: f64,
-        /// Continuous force that the motor allows, N.
+        /// Force that the motor can give continuously, in N.
         continuous_force_n: f64,
-        /// Guessed values of limits that the scene does not have, in the scene's units.
+        /// Limits that the scene does not have and whose values were guessed. They are in the scene's units.
         guessed: Tuple<String>,
-        /// Lines for the board's console, in the scene's units. All other values are at the handle.
+        /// Lines to type at the board's console, in the scene's units. All other values are at the handle.
         console: Tuple<String>,
     }
 }
 
-/// Converts the rows of an attribute (dictionaries) to columns.
+/// Converts the rows of an attribute to columns. The rows are dictionaries.
 fn turn<'py, const N: usize>(
     told: &Bound<'py, PyAny>,
     rows: &str,
@@ -484,50 +487,51 @@ result! { value
     Suspect {
         /// Name in reports.
         name: String,
-        /// Key in the scene.
+        /// Key of the value in the scene.
         key: String,
-        /// Unit of its values.
+        /// Unit of the values below.
         unit: String,
-        /// The value that explains most of the difference.
+        /// The value that explains the largest part of the difference.
         value: f64,
         /// Lowest tried value that explains the difference as well as the best value.
         low: f64,
         /// Highest tried value that explains the difference as well as the best value.
         high: f64,
-        /// Whether the range reaches the first or the last tried value.
+        /// Whether `low` is the first tried value or `high` is the last one.
         at_edge: bool,
-        /// Remaining distance between the walks with this value, N/m.
+        /// Distance that remains between the walks with this value, in N/m.
         left_n_per_m: f64,
         /// Whether the value explains the whole difference.
         explains: bool,
-        /// Value in the scene; None if the scene does not have the element.
+        /// The value in the scene; None if the scene does not have the element.
         scene: Option<f64>,
     }
 }
 
 result! { table(walls)
-    /// A measured walk and the predicted walk of a scene. The table of this object is `walls`.
+    /// A measured walk, compared with the walk that a scene predicts. The table of this object is `walls`.
     Agreement {
         /// Name of the scene.
         scene: String,
-        /// Name of the file.
+        /// Name of the file with the measured walk.
         measured: String,
-        /// Nominal cutoff, Hz; None for an estimator without a cutoff.
+        /// Nominal cutoff in Hz; None for an estimator without a cutoff.
         cutoff_hz: Option<f64>,
-        /// Whether the distance of the measured walk from the prediction is within the scatter of the scene's own
-        /// walks.
+        /// Whether the measured walk differs from the prediction no more than the scene's own walks do.
         agrees: bool,
-        /// Step of K, which is the resolution of a walk, N/m.
+        /// Step of K in N/m. A walk does not resolve smaller differences.
         stiffness_step_n_per_m: f64,
-        /// Distance of the measured walk from the prediction beyond one step of K, N/m.
+        /// Distance of the measured walk from the prediction, in N/m. Differences of up to one step of K are not
+        /// counted.
         distance_n_per_m: f64,
-        /// Largest distance among the scene's own walks, N/m.
+        /// The largest distance that one of the scene's own walks has from the mean of the others, in N/m.
         scatter_n_per_m: f64,
-        /// For each B: `damping_n_s_per_m`, predicted K with its range over the starts (`predicted_n_per_m`,
-        /// `predicted_low_n_per_m`, `predicted_high_n_per_m`), and measured K (`measured_n_per_m`). `explained_n_per_m`
-        /// is K with the best suspect, or NaN if the walks agree. K is 0 if a walk does not reach the B.
+        /// One row for each B (`damping_n_s_per_m`). A row has the predicted K with its range over the starts
+        /// (`predicted_n_per_m`, `predicted_low_n_per_m`, `predicted_high_n_per_m`), and the measured K
+        /// (`measured_n_per_m`). `explained_n_per_m` is the K that the best suspect predicts, or NaN if the walks
+        /// agree. K is 0 if a walk does not reach the B.
         walls: Table,
-        /// The suspects, the smallest remaining distance first. Empty if the walks agree.
+        /// The suspects. The one with the smallest remaining distance comes first. Empty if the walks agree.
         suspects: Tuple<Part<Suspect>>,
         /// The answer in words.
         answers: Tuple<String>,
@@ -577,31 +581,31 @@ pub fn agree(
 }
 
 result! { table(table)
-    /// Another estimator on the counts of a capture, compared with the board's estimator. The table of this object is
-    /// `table`.
+    /// Compares another estimator with the board's estimator. It runs on the counts of a capture. The table of this
+    /// object is `table`.
     Replay {
-        /// Name of the estimator.
+        /// Name of the other estimator.
         estimator: String,
-        /// Nominal cutoff of the estimator, Hz.
+        /// Nominal cutoff of the estimator, in Hz.
         cutoff_hz: f64,
-        /// Number of consecutive samples.
+        /// Number of consecutive samples that were used.
         samples: u64,
         /// Number of the first sample.
         first_sample: u64,
-        /// First sample from which both velocities are equal, bit for bit, up to the end.
+        /// First sample from which on both velocities are equal, bit for bit, up to the end.
         same_from_sample: Option<u64>,
-        /// RMS of the difference from the board's velocity, m/s.
+        /// RMS of the difference between both velocities, in m/s.
         difference_rms_m_per_s: f64,
-        /// Delay relative to the board's velocity, s; None if nothing moved.
+        /// Delay of the estimator relative to the board's velocity, in s; None if nothing moved.
         later_s: Option<f64>,
-        /// RMS of the change of the board's velocity from sample to sample, m/s.
+        /// RMS of how much the board's velocity changes from sample to sample, in m/s.
         board_change_rms_m_per_s: f64,
-        /// RMS of the change of the estimator's velocity from sample to sample, m/s.
+        /// RMS of how much the estimator's velocity changes from sample to sample, in m/s.
         change_rms_m_per_s: f64,
-        /// One LSB of the velocities, m/s.
+        /// One LSB of the velocities, in m/s.
         lsb_m_per_s: f64,
-        /// Columns `sample`, `position_counts`, `board_velocity_lsb` and `velocity_lsb`, in integers of the control
-        /// loop.
+        /// The velocities of each sample. The columns `sample`, `position_counts`, `board_velocity_lsb` and
+        /// `velocity_lsb` have the integers of the control loop.
         table: Table,
     }
 }

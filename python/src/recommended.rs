@@ -1,4 +1,4 @@
-//! The recommended cutoff.
+//! Recommends a cutoff of the velocity filter.
 
 use std::sync::Arc;
 
@@ -15,30 +15,30 @@ use crate::{
 };
 
 result! { value
-    /// The cutoff with the largest area of quiet walls, with its results.
+    /// The recommended cutoff and its results. It is the cutoff with the largest area of quiet walls.
     Recommended {
         /// Name of the scene.
         scene: String,
-        /// The recommended cutoff, Hz.
+        /// The recommended cutoff, in Hz.
         cutoff_hz: f64,
-        /// Lowest and highest cutoff with an equally good area, Hz.
+        /// Lowest and highest cutoff whose area is equally good, in Hz.
         range_hz: (f64, f64),
-        /// Whether the range reaches the first or the last tried cutoff.
+        /// Whether the range reaches the first cutoff that was tried, and whether it reaches the last one.
         range_is_open: (bool, bool),
-        /// K of the stiffest quiet wall, N/m.
+        /// K of the stiffest quiet wall, in N/m.
         stiffness_n_per_m: f64,
-        /// B of the stiffest quiet wall, N s/m.
+        /// B of the stiffest quiet wall, in N s/m.
         damping_n_s_per_m: f64,
-        /// Largest B of a quiet wall, N s/m.
+        /// Largest B of a quiet wall, in N s/m.
         damping_max_n_s_per_m: f64,
-        /// Area of the quiet walls, N^2 s/m^2.
+        /// Area of the quiet walls, in N^2 s/m^2.
         area: f64,
-        /// Whether the walk's largest allowed K or B cuts the area.
+        /// Whether the largest K or B that the walk allows cuts off a part of the area.
         is_cut: bool,
-        /// For each of the other protocols, the largest K of a quiet wall with the B `damping_n_s_per_m`, N/m. None if
-        /// there is no such wall, or the protocol cannot be tried.
+        /// For each of the other protocols, its name and the largest K of a quiet wall in N/m. The wall has the B
+        /// `damping_n_s_per_m`. None if there is no such wall, or the protocol cannot be tried.
         protocols: Tuple<(String, Option<f64>)>,
-        /// RMS of the output while the handle rests in free air, N.
+        /// RMS of the output in N, while the handle rests in free air.
         hum_n: f64,
         /// The sentences that the command line prints.
         sentences: Tuple<String>,

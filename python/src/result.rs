@@ -1,4 +1,4 @@
-//! Building blocks of results: frozen classes, read-only arrays, tuples and tables.
+//! What results in Python are made of: frozen classes, read-only arrays, tuples and tables.
 
 use std::borrow::Borrow;
 
@@ -12,10 +12,10 @@ use pyo3::{
 };
 use sim_studies::table::{Cell, Column, Kind};
 
-/// A frozen Python class with these fields as attributes. The constructor has an argument for each field. The text of
-/// an object shows the short fields. Objects can be pickled. The first word is the kind of class. Objects of a `value`
-/// are equal if their fields are equal. A `table` writes its own method `columns`. A `table(FIELD)` has the columns of
-/// this field. In `arrays`, each attribute is a column.
+/// Defines a frozen Python class. Its fields are the attributes. The constructor has an argument for each field. The
+/// text of an object shows the short fields. Objects can be pickled. The first word is the kind of class. Objects of a
+/// `value` are equal if their fields are equal. A `table` writes its own method `columns`. A `table(FIELD)` has the
+/// columns of this field. In `arrays`, each attribute is a column.
 macro_rules! result {
     (table($table:ident) $(#[$of:meta])* $name:ident $fields:tt $($methods:tt)*) => {
         $crate::result::result! { table $(#[$of])* $name $fields
@@ -108,7 +108,7 @@ macro_rules! methods {
 }
 pub(crate) use {methods, result};
 
-/// A class that is built from its attributes.
+/// A Python class whose objects can be made from their attributes.
 pub trait Fields: PyClass {
     /// Names of the attributes.
     const FIELDS: &[&str];
@@ -145,10 +145,11 @@ pub fn attributes<T: Fields>(of: &Bound<'_, T>) -> PyResult<Keys> {
     columns(of.py(), values.collect::<PyResult<Vec<_>>>()?)
 }
 
-/// Most characters of an attribute in `text`. A longer attribute is shown by its type and size.
+/// Largest number of characters with which an attribute is shown in `text`. A longer attribute is shown by its type and
+/// size.
 const SHORT: usize = 120;
 
-/// The object's text. An array is shown by its shape, and a long attribute by its type and size.
+/// The object's text. It shows an array by its shape, and a long attribute by its type and size.
 pub fn text<T: Fields>(of: &Bound<'_, T>) -> PyResult<String> {
     let told = T::FIELDS.iter().map(|name| {
         let value = of.as_any().getattr(*name)?;
@@ -171,13 +172,13 @@ pub fn text<T: Fields>(of: &Bound<'_, T>) -> PyResult<String> {
     ))
 }
 
-/// Calls `module.name` with the columns.
+/// Calls the Python function `module.name` with the columns of a table.
 pub fn columns_to(of: &Bound<'_, impl PyClass>, module: &str, name: &str) -> PyResult<Py<PyAny>> {
     let columns = of.as_any().call_method0("columns")?;
     of.py().import(module)?.call_method1(name, (columns,)).map(Bound::unbind)
 }
 
-/// A Python object with a type for the stubs.
+/// Defines types for Python objects. The stubs get the given type hint.
 macro_rules! typed {
     ($($name:ident: $hint:expr;)*) => { $(
         pub struct $name(pub Py<PyAny>);
@@ -291,9 +292,9 @@ impl Table {
     }
 }
 
-/// Element type of an array.
+/// The type of an array's elements.
 pub trait Number: Element {
-    /// The array's type in the stubs.
+    /// The type of the array that the stubs show.
     const ARRAY: PyStaticExpr;
 }
 
@@ -320,7 +321,7 @@ impl<T: Number> Array<T> {
         Self::of(values.into_pyarray(py).to_dyn().clone())
     }
 
-    /// An array with one value for each row.
+    /// An array with one value for each row. The function `of` gives the value.
     pub fn each<R>(py: Python<'_>, rows: &[R], of: impl Fn(&R) -> T) -> PyResult<Self> {
         Self::new(py, rows.iter().map(of).collect())
     }
@@ -377,7 +378,7 @@ impl<T: Number + 'static> FromPyObject<'_, '_> for Array<T> {
     }
 }
 
-/// An object of a class of this module. Python may also give its attributes by name.
+/// An object of a class in this module. Python code may also give it as a mapping from names to attributes.
 pub struct Part<T>(pub Py<T>);
 
 impl<'py, T: Fields> IntoPyObject<'py> for &Part<T> {
@@ -440,7 +441,7 @@ impl<'py, T: for<'a> FromPyObject<'a, 'py>> FromPyObject<'_, 'py> for Tuple<T> {
     }
 }
 
-/// A dictionary of columns in order.
+/// A Python dictionary of columns. It keeps their order.
 pub fn columns<'py>(
     py: Python<'py>,
     columns: impl IntoIterator<Item = (&'static str, Bound<'py, PyAny>)>,

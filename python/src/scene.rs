@@ -168,7 +168,7 @@ impl Scene {
         parts.into_py_any(slf.py()).map(Any)
     }
 
-    /// The scene's text with a path of its curve file that is valid from any folder.
+    /// The scene's text. The path of its curve file is changed so that it is valid from any folder.
     #[pyo3(name = "_portable_text")]
     fn portable_text(&self) -> PyResult<String> {
         if self.0.files.len() < 2 {
@@ -231,7 +231,7 @@ pub fn of_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
     })
 }
 
-/// A dictionary with the keys of the command line's JSON object. Keys with null are left out.
+/// Makes a dictionary with the keys of the command line's JSON object. Keys whose value is null are left out.
 pub fn serialized<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
     let table =
         Table::try_from(value).map_err(|error| PyRuntimeError::new_err(error.to_string()))?;

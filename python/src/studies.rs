@@ -80,7 +80,7 @@ pub fn not_empty<T>(name: &str, list: &[T]) -> PyResult<()> {
     }
 }
 
-/// A column with the cutoff in each row; NaN without a cutoff.
+/// A column that repeats the cutoff in each row. It is NaN if there is no cutoff.
 fn cutoffs(py: Python<'_>, cutoff_hz: Option<f64>, rows: usize) -> PyResult<Bound<'_, PyAny>> {
     Array::new(py, vec![cutoff_hz.unwrap_or(f64::NAN); rows])?.into_bound_py_any(py)
 }
@@ -88,22 +88,22 @@ fn cutoffs(py: Python<'_>, cutoff_hz: Option<f64>, rows: usize) -> PyResult<Boun
 result! { arrays
     /// Every sample of a hit.
     Trace {
-        /// Time from the start, s.
+        /// Time since the start of the hit, in s.
         time_s: Array<f64>,
-        /// True position of the handle, m.
+        /// True position of the handle, in m.
         position_m: Array<f64>,
         /// Count of the encoder.
         count: Array<i32>,
-        /// The controller's velocity, m/s.
+        /// Velocity that the controller uses, in m/s.
         velocity_m_per_s: Array<f64>,
-        /// Force that the controller commands, constant from output to output, N.
+        /// Force that the controller commands, in N. It is constant from output to output.
         force_n: Array<f64>,
-        /// Force on the handle at the end of the sample, after latency and the output's quantisation, N.
+        /// Force on the handle at the end of the sample, in N. It includes the latency and the output's quantisation.
         output_n: Array<f64>,
         /// Sum of three flags: 1 (inside the wall), 2 (an output was computed), 4 (the last output saturated).
         flags: Array<u8>,
-        /// Energy that the wall has absorbed in this contact, computed from its force and the counts, J. If negative,
-        /// the wall has supplied energy.
+        /// Energy that the wall has absorbed in this contact, in J. It is computed from the wall's force and the
+        /// counts. A negative value means that the wall has supplied energy.
         port_energy_j: Array<f64>,
     }
 }
@@ -113,47 +113,48 @@ result! { value
     Hit {
         /// Name of the scene.
         scene: String,
-        /// Nominal cutoff, Hz; None for an estimator without a cutoff.
+        /// Nominal cutoff in Hz; None for an estimator without a cutoff.
         cutoff_hz: Option<f64>,
-        /// K of the wall, N/m.
+        /// K of the wall, in N/m.
         stiffness_n_per_m: f64,
-        /// B of the wall, N s/m.
+        /// B of the wall, in N s/m.
         damping_n_s_per_m: f64,
-        /// "stable", "unstable" or "no_contact", by the scene's criterion.
+        /// Result by the scene's criterion: "stable", "unstable" or "no_contact".
         verdict: String,
-        /// RMS of the counts about their mean over the window, m.
+        /// RMS of the counts about their mean over the measurement window, in m.
         rms_m: f64,
-        /// RMS of the true motion about its mean over the window, m.
+        /// RMS of the true motion about its mean over the window, in m.
         rms_motion_m: f64,
-        /// Mean position of the counts over the window, m.
+        /// Mean position over the window according to the counts, in m.
         mean_m: f64,
-        /// Largest penetration behind the surface during the whole hit, m.
+        /// Largest penetration behind the surface during the whole hit, in m.
         peak_penetration_m: f64,
-        /// Fraction of the hit's outputs that saturated.
+        /// Fraction of the hit's outputs at which the force saturated.
         saturated_fraction: f64,
-        /// Fraction of the window in contact.
+        /// Fraction of the window during which the handle is in contact.
         contact_fraction: f64,
-        /// Fraction of the samples with a velocity at the limit of its number format.
+        /// Fraction of the samples in which the velocity is at the limit of its number format.
         velocity_clipped_fraction: f64,
-        /// Fraction of the window's outputs at the actuator's limit.
+        /// Fraction of the window's outputs that are at the actuator's limit.
         window_at_limit_fraction: f64,
-        /// Level of the window's motion above the threshold of human feeling, dB; None if the window has no motion.
+        /// Level of the window's motion above the threshold of human feeling, in dB; None if the window has no motion.
         sensation_db: Option<f64>,
-        /// RMS of the window's outputs about their mean, N. With several pushes: the value of the push that decides the
-        /// verdict.
+        /// RMS of the window's outputs about their mean, in N. If there are several pushes, it is the value of the push
+        /// that decides the verdict.
         force_rms_n: f64,
-        /// K times the mean penetration, divided by the wall's mean force. This ratio is 1 for a wall at rest. None if
-        /// the wall has no force.
+        /// K times the mean penetration, divided by the wall's mean force. The ratio is 1 if the handle rests at the
+        /// wall. None if the wall has no force.
         penetration_ratio: Option<f64>,
-        /// Energy that the wall has absorbed in the last contact, computed from its force and the counts, J.
+        /// Energy that the wall has absorbed in the last contact, in J. It is computed from the wall's force and the
+        /// counts.
         port_taken_j: f64,
-        /// Largest energy that the wall has supplied in excess of the absorbed energy, in any contact, J.
+        /// Largest energy that the wall has supplied in a contact beyond what it had absorbed, in J.
         port_given_j: f64,
-        /// Fraction of the outputs in contact that the passivity controller has changed; None without the controller.
+        /// Fraction of the outputs in contact that the passivity controller has changed. None without the controller.
         port_limited_fraction: Option<f64>,
-        /// Fraction of the wall's force that the passivity controller has withheld; None without the controller.
+        /// Fraction of the wall's force that the passivity controller has withheld. None without the controller.
         port_withheld_fraction: Option<f64>,
-        /// Every sample, if `trace` was set.
+        /// Every sample of the hit; None unless `trace` was set.
         trace: Option<Part<Trace>>,
     }
 
@@ -269,25 +270,25 @@ result! { table
     Walk {
         /// Name of the scene.
         scene: String,
-        /// Nominal cutoff, Hz; None for an estimator without a cutoff.
+        /// Nominal cutoff in Hz; None for an estimator without a cutoff.
         cutoff_hz: Option<f64>,
-        /// B of the boundary's points, ascending, N s/m.
+        /// B of the boundary's points, in N s/m and in ascending order.
         damping_n_s_per_m: Array<f64>,
-        /// The largest stable K at each B, N/m.
+        /// The largest stable K at each B, in N/m.
         stiffness_n_per_m: Array<f64>,
-        /// Area under the boundary, N^2 s/m^2.
+        /// Area under the boundary, in N^2 s/m^2.
         area: f64,
         /// Number of wall hits of the walk.
         hits: u64,
-        /// Reason for the end of the walk; None if its first point is unstable.
+        /// The reason why the walk ended; None if its first point is unstable.
         ended_by: Option<String>,
-        /// Largest K of the boundary, N/m; 0 if the boundary is empty.
+        /// Largest K of the boundary, in N/m; 0 if the boundary is empty.
         stiffness_peak_n_per_m: f64,
-        /// Largest B with a stable K, N s/m; 0 if the boundary is empty.
+        /// Largest B with a stable K, in N s/m; 0 if the boundary is empty.
         damping_max_n_s_per_m: f64,
     }
 
-    /// The columns of the table, as the command line's CSV names them.
+    /// The columns of the table. Their names are those of the command line's CSV.
     fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
         let b = self.damping_n_s_per_m.bound(py);
         columns(py, [
@@ -377,27 +378,28 @@ result! { table
     Sweep {
         /// Name of the scene.
         scene: String,
-        /// Nominal cutoffs, ascending, Hz.
+        /// Nominal cutoffs in Hz, in ascending order.
         cutoffs_hz: Array<f64>,
-        /// True -3 dB frequencies of the discrete filters, Hz.
+        /// Frequencies at which the discrete filters have -3 dB, in Hz.
         true_cutoffs_hz: Array<f64>,
-        /// Mean area over the repeats, N^2 s/m^2.
+        /// Mean area of each cutoff over the repeats, in N^2 s/m^2.
         area: Array<f64>,
-        /// Area of every walk, shape (cutoffs, repeats), N^2 s/m^2.
+        /// Area of every walk, in N^2 s/m^2. The shape is (cutoffs, repeats).
         areas: Array<f64>,
-        /// The walks of every cutoff: `walks[n][repeat]`.
+        /// The walks. `walks[n][repeat]` is a walk at cutoff number `n`.
         walks: Tuple<Tuple<Part<Walk>>>,
-        /// Lowest cutoff whose mean area is at least 98 % of the largest mean area, Hz; None if every walk failed.
+        /// The ideal cutoff in Hz: the lowest one whose mean area is at least 98 % of the largest mean area. None if
+        /// every walk failed.
         ideal_cutoff_hz: Option<f64>,
-        /// Lowest and highest cutoff that the repeats cannot distinguish from the ideal cutoff, Hz.
+        /// Lowest and highest cutoff that the repeats cannot distinguish from the ideal cutoff, in Hz.
         ideal_range_hz: Option<(f64, f64)>,
-        /// Name of the rule that gave the range.
+        /// Name of the rule that has given the range.
         ideal_basis: Option<String>,
         /// Notes that a reader needs to understand the numbers.
         notes: Tuple<String>,
     }
 
-    /// The columns of the table, as the command line's CSV names them.
+    /// The columns of the table. Their names are those of the command line's CSV.
     fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
         let of = |of: fn(&Walk) -> f64, choose: fn(f64, f64) -> f64| {
             let best = |walks: &Tuple<Part<Walk>>| {
@@ -510,25 +512,25 @@ pub fn sweep(
 }
 
 result! { table
-    /// Every wall of a grid, hit once.
+    /// A grid of walls, each hit once.
     Grid {
         /// Name of the scene.
         scene: String,
-        /// Cutoffs of the grid, Hz.
+        /// Cutoffs of the grid, in Hz.
         cutoffs_hz: Array<f64>,
-        /// B of the grid, N s/m.
+        /// B of the grid, in N s/m.
         dampings_n_s_per_m: Array<f64>,
-        /// K of the grid, N/m.
+        /// K of the grid, in N/m.
         stiffnesses_n_per_m: Array<f64>,
-        /// Verdicts as indices of `zwidth.VERDICTS`, with the shape (cutoffs, dampings, stiffnesses).
+        /// The verdict of each wall, as an index of `zwidth.VERDICTS`. The shape is (cutoffs, dampings, stiffnesses).
         verdict: Array<u8>,
-        /// RMS of the counts, m, same shape; NaN without an RMS.
+        /// RMS of the counts in m, with the same shape. It is NaN for a hit without an RMS.
         rms_m: Array<f64>,
-        /// Which walls are stable, same shape.
+        /// Whether each wall is stable, with the same shape.
         stable: Array<bool>,
     }
 
-    /// The columns of the table, as the command line's CSV names them.
+    /// The columns of the table. Their names are those of the command line's CSV.
     fn columns(slf: &Bound<'_, Self>) -> PyResult<Keys> {
         let (py, own, numpy) = (slf.py(), slf.get(), slf.py().import("numpy")?);
         let axes = (
@@ -650,7 +652,7 @@ pub fn grid(
     })
 }
 
-/// The index in [`VERDICTS`].
+/// The index of a verdict in [`VERDICTS`].
 fn code(verdict: Verdict) -> u8 {
     match verdict {
         Verdict::Stable => 0,
@@ -665,22 +667,23 @@ result! { table
     Linear {
         /// Name of the scene.
         scene: String,
-        /// Nominal cutoff, Hz; None for an estimator without a cutoff.
+        /// Nominal cutoff in Hz; None for an estimator without a cutoff.
         cutoff_hz: Option<f64>,
-        /// B of the wall, N s/m.
+        /// B of the walls, in N s/m.
         damping_n_s_per_m: Array<f64>,
-        /// Largest K up to which every K from 0 is stable, N/m; infinite if no K is unstable.
+        /// Largest stable K at each B, in N/m. Every K from 0 to this value is stable. It is infinite if no K is
+        /// unstable.
         stiffness_max_n_per_m: Array<f64>,
         /// Whether the paper's gain-margin method gives the same result.
         gain_margin_holds: Array<bool>,
-        /// Largest K up to which no motion extracts energy from wall and damper, N/m; 0 if there is no such K. None
-        /// without `passivity`.
+        /// Largest passive K at each B, in N/m. Up to this K, no motion takes energy out of wall and damper. It is 0 if
+        /// there is no such K. None without `passivity`.
         stiffness_passive_n_per_m: Option<Array<f64>>,
-        /// Tables of the scene that the linear analysis ignores.
+        /// Names of the scene's tables that the linear analysis ignores.
         left_out: Tuple<String>,
     }
 
-    /// The columns of the table, as the command line's CSV names them.
+    /// The columns of the table. Their names are those of the command line's CSV.
     fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
         let b = self.damping_n_s_per_m.bound(py);
         let passive = self.stiffness_passive_n_per_m.as_ref();

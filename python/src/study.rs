@@ -1,4 +1,4 @@
-//! Studies with many points.
+//! Runs studies with many points.
 
 use std::{
     path::{Path, PathBuf},
@@ -24,8 +24,8 @@ use crate::{
     work::{raised, run},
 };
 
-/// Text of a study, its name in errors, and the folder of its scenes. The argument is the path of a study's file, or a
-/// dictionary with the keys of a study's file.
+/// Text of a study, its name in errors, and the folder of its scenes. `asked` is the path of a study's file, or a
+/// dictionary with the keys of such a file.
 pub fn text_of(asked: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> {
     if let Ok(keys) = asked.cast::<PyMapping>() {
         let own = PyDict::new(asked.py());
@@ -43,16 +43,16 @@ pub fn text_of(asked: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> 
 result! { table(table)
     /// The results of a study.
     Study {
-        /// `walk`, `hit` or `sweep`.
+        /// What is measured at each point: `walk`, `hit` or `sweep`.
         measure: String,
         /// Number of the study's points.
         points: u64,
         /// Number of the study's units.
         units: u64,
-        /// Number of hits of all points.
+        /// Number of hits that all points needed.
         hits: u64,
-        /// The columns of the command line's parts, in the order of the points. A hit or a walk has one row per point.
-        /// A sweep has one row per cutoff of a point.
+        /// The results in the order of the points. The columns are those of the command line's parts. A hit or a walk
+        /// has one row per point. A sweep has one row per cutoff of a point.
         table: Table,
     }
 }

@@ -1,4 +1,4 @@
-//! A capture of a board's telemetry as columns.
+//! Reads a capture of a board's telemetry into columns.
 
 use std::{
     fs,
@@ -21,25 +21,26 @@ use crate::{
 };
 
 result! { arrays
-    /// One row per output, in the integers of the control loop. The columns are those of `cargo sim telemetry --csv`.
+    /// One row per output. The numbers are the integers of the control loop. The columns are those of `cargo sim
+    /// telemetry --csv`.
     Outputs {
-        /// Number of the frame with this output.
+        /// Sequence number of the frame that has this output.
         sequence: Array<u32>,
-        /// Sample since the board's reset.
+        /// Number of the sample since the board's reset.
         sample: Array<u64>,
-        /// Position of the handle, counts.
+        /// Position of the handle, in counts.
         position_counts: Array<i32>,
-        /// Velocity, 2^-16 counts per sample.
+        /// Velocity, in 2^-16 counts per sample.
         velocity_q16: Array<i32>,
-        /// Force, 2^-30 of full scale; positive into the wall.
+        /// Force, in 2^-30 of full scale. It is positive into the wall.
         force_q30: Array<i32>,
-        /// Code of the DAC or the PWM.
+        /// Output code of the DAC or the PWM.
         command: Array<i32>,
-        /// Flags (docs/telemetry.md).
+        /// Flags of the output; docs/telemetry.md explains them.
         flags: Array<u16>,
         /// Number of the settings that the board uses.
         settings: Array<u16>,
-        /// Code of the latched fault, 0 for none.
+        /// Code of the fault that is latched; 0 for none.
         fault: Array<u8>,
     }
 }
@@ -47,13 +48,13 @@ result! { arrays
 result! { arrays
     /// One row per sample, with the columns of `cargo sim telemetry --samples`.
     Samples {
-        /// Sample since the board's reset.
+        /// Number of the sample since the board's reset.
         sample: Array<u64>,
-        /// Position of the handle, counts.
+        /// Position of the handle, in counts.
         position_counts: Array<i32>,
-        /// Velocity that the core computes, 2^-16 counts per sample; 0 if it cannot be computed.
+        /// Velocity that the core computes, in 2^-16 counts per sample. It is 0 if it cannot be computed.
         velocity_q16: Array<i32>,
-        /// Force of the last output, 2^-30 of full scale; 0 before the first output.
+        /// Force of the last output, in 2^-30 of full scale. It is 0 before the first output.
         force_q30: Array<i32>,
         /// Whether the sample has an output.
         output: Array<bool>,
@@ -80,13 +81,13 @@ result! { plain
         samples: Part<Samples>,
         /// Number of frames that are missing between received frames.
         dropped: u64,
-        /// Number of bytes outside frames, for example the end of a frame that began before the capture.
+        /// Number of bytes that belong to no frame, for example the end of a frame that began before the capture.
         garbage_bytes: u64,
         /// Codes of the faults that were latched during the capture.
         faults: Tuple<u32>,
         /// First and last sample of each gap in the outputs.
         gaps: Tuple<(u64, u64)>,
-        /// Ranges of samples that the core cannot compute: first sample, last sample, and reason.
+        /// Ranges of samples that the core cannot compute. Each has its first sample, its last sample and the reason.
         unknown: Tuple<(u64, u64, String)>,
         /// Number of samples that the core has computed.
         computed: u64,
@@ -98,13 +99,13 @@ result! { plain
         states_equal: u64,
         /// Number of port energies that are equal to the board's energies, bit for bit.
         energies_equal: u64,
-        /// The first difference from the board, or None.
+        /// Text of the first difference between board and core; None if there is none.
         first_difference: Option<String>,
-        /// Sample rate of the first received settings, Hz; None without settings.
+        /// Sample rate of the first settings in the capture, in Hz; None without settings.
         rate_hz: Option<f64>,
-        /// Length of a count at the handle, m, also for a rotary device; None without settings.
+        /// Length of a count at the handle in m, also for a rotary device; None without settings.
         resolution_m: Option<f64>,
-        /// Force at full command, N; None without settings.
+        /// Force at full command, in N; None without settings.
         full_scale_n: Option<f64>,
     }
 
@@ -201,7 +202,7 @@ fn outputs(py: Python<'_>, frames: &[Frame]) -> PyResult<Outputs> {
     })
 }
 
-/// In the table, an unknown value is 0, and another column marks it as unknown.
+/// An unknown value is 0 in the table. Another column marks it as unknown.
 fn samples(py: Python<'_>, all: &Recomputed) -> PyResult<Samples> {
     let rows = &all.rows;
     Ok(Samples {

@@ -24,23 +24,23 @@ use crate::given::Progress;
 /// Time between two checks for the interpreter's signals. Ctrl-C raises its exception within this time.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Shared state of running work: the request to stop, and the progress.
+/// What the running work and its caller share: the request to stop, and the progress.
 #[derive(Default)]
 pub struct Course {
-    /// Set to end the work, because no caller waits for the result any more.
+    /// Becomes true when the work must end, because no caller waits for the result any more.
     pub stop: AtomicBool,
-    /// Number of finished pieces.
+    /// Number of pieces of work that are finished.
     done: AtomicU64,
 }
 
 impl Course {
-    /// Adds finished pieces.
+    /// Adds to the number of finished pieces.
     pub fn add(&self, pieces: u64) {
         self.done.fetch_add(pieces, Relaxed);
     }
 }
 
-/// An error of the simulator as an exception with the same message.
+/// Makes a Python exception from an error of the simulator. The message is the same.
 pub fn raised(error: Error) -> PyErr {
     let line = sim_loop::error::one_line(&error.to_string());
     match error {
@@ -102,14 +102,14 @@ pub fn run<T: Send + 'static>(
     Ok(made)
 }
 
-/// A pool with this number of threads. 0 means all cores.
+/// A pool with this number of threads. If the number is 0, it uses all cores.
 fn pool_of(threads: usize) -> PyResult<ThreadPool> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))
 }
 
-/// The pool of a process that was forked after the first work. The threads of rayon's global pool do not exist in a
-/// forked process, so this process would wait for ever. Any other process uses only rayon's global pool.
+/// The thread pool of a process that was forked after the first work. The threads of rayon's global pool do not exist
+/// in a forked process, so this process would wait for ever. Any other process uses only rayon's global pool.
 ///
 /// `POOL` is locked only while the thread holds the interpreter's lock. A process forks only with the interpreter's
 /// lock, so a child never finds `POOL` locked.
@@ -148,7 +148,7 @@ fn tell(
     Ok(())
 }
 
-/// Message of a worker's panic.
+/// An exception with the message with which a worker has panicked.
 fn panicked(py: Python<'_>, worker: thread::JoinHandle<()>) -> PyErr {
     let said = py.detach(|| worker.join()).err();
     let of = |said: &Box<dyn Any + Send>| {

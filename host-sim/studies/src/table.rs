@@ -1,10 +1,10 @@
-//! A result as a table with one kind of value per column. The table is written as CSV. Python gets the table as arrays.
+//! A result as a table. Each column has one kind of value. The table is written as CSV, and Python gets it as arrays.
 
 use std::{borrow::Cow, fmt::Write as _};
 
 use serde::{Serialize, Serializer};
 
-/// Kind of a column's values.
+/// What kind of values a column has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Number,
@@ -54,18 +54,18 @@ impl Cell {
         Self::Whole(value as u64)
     }
 
-    /// A text, or an empty cell.
+    /// A cell with a text. It is empty for `None`.
     pub fn text(value: Option<&'static str>) -> Self {
         value.map_or(Self::Empty, Self::from)
     }
 
-    /// A number, or an empty cell.
+    /// A cell with a number. It is empty for `None`.
     pub fn number(value: Option<f64>) -> Self {
         value.map_or(Self::Empty, Self::Number)
     }
 }
 
-/// JSON form of a cell.
+/// Writes a cell as a JSON value.
 impl Serialize for Cell {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
@@ -81,10 +81,10 @@ impl Serialize for Cell {
 /// A column for rows of type `R`: its name, its kind, and the function from a row to its cell.
 pub type Told<R> = (&'static str, Kind, fn(&R) -> Cell);
 
-/// A column's name and kind.
+/// Name and kind of a column.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Column {
-    /// Name, with the unit at its end.
+    /// Name of the column. It ends in the unit.
     pub name: String,
     pub kind: Kind,
 }
@@ -93,11 +93,11 @@ pub struct Column {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     pub columns: Vec<Column>,
-    /// Rows, each with a cell for every column.
+    /// The rows. Each has a cell for every column.
     pub rows: Vec<Vec<Cell>>,
 }
 
-/// Cells as a line of CSV with its line end. A text with a comma, a quote or a line end is quoted.
+/// The cells as a line of CSV, with the line end. A text with a comma, a quote or a line end is quoted.
 pub fn csv_line(cells: &[Cell]) -> String {
     let mut text = String::new();
     for (n, cell) in cells.iter().enumerate() {
@@ -122,7 +122,7 @@ pub fn csv_line(cells: &[Cell]) -> String {
 }
 
 impl Table {
-    /// A table with these columns, without rows.
+    /// A table that has these columns and no rows yet.
     pub fn new<N: Into<String>>(columns: impl IntoIterator<Item = (N, Kind)>) -> Self {
         let column = |(name, kind): (N, Kind)| Column { name: name.into(), kind };
         Self { columns: columns.into_iter().map(column).collect(), rows: vec![] }

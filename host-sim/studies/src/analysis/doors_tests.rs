@@ -1,5 +1,5 @@
-//! Tests every function that reads a user's table. All these functions must accept the same files and refuse the same
-//! files.
+//! Tests every function that reads a table of the user. All of them must accept the same forms of a file and refuse the
+//! same mistakes.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -16,17 +16,17 @@ use crate::{
     scene::{FeltCurve, NamedScene},
 };
 
-/// Cells of a table, with the header first.
+/// Cells of a table, row by row. The first row is the header.
 type Cells = Vec<Vec<String>>;
-/// Result of reading a file.
+/// Text of what the function has read, or the error.
 type Found = Result<String, Error>;
 
-/// A function that reads a table, with a good table.
+/// A function that reads a table, and a table that it accepts.
 struct Door {
     name: &'static str,
     good: Cells,
     read: Box<dyn Fn(&Path) -> Found>,
-    /// Whether the function accepts unknown columns.
+    /// Whether the function accepts columns that it does not know.
     others: bool,
 }
 
@@ -107,7 +107,7 @@ fn each(cells: &Cells, change: impl Fn(&str) -> String) -> Cells {
     cells.iter().map(|row| row.iter().map(|cell| change(cell)).collect()).collect()
 }
 
-/// Other forms of the good table. Every function must read each form as the good table.
+/// Other ways to write the good table. Every function must read the same from each of them.
 fn taken(good: &Cells, others: bool) -> BTreeMap<&'static str, String> {
     let commas = each(good, |cell| cell.replace('.', ","));
     let noted = plain(good).replace('\n', "\n\t # a, \"b;\n\n  \t \n#\n");
@@ -151,7 +151,7 @@ fn taken(good: &Cells, others: bool) -> BTreeMap<&'static str, String> {
     taken
 }
 
-/// Tables that every function must refuse, each with its message.
+/// Tables that every function must refuse. Each has the message that the function must give.
 fn refused(good: &Cells) -> Vec<(Vec<u8>, String)> {
     let header = &good[0];
     let (first, last) = (&header[0], &header[header.len() - 1]);
@@ -222,7 +222,7 @@ fn refused(good: &Cells) -> Vec<(Vec<u8>, String)> {
             let shown = format!("line 2: {name} is `{cell}`, allowed ");
             text(joined(&with(2, &|row| row[column] = cell.into()), ";", "\n"), shown);
         }
-        // Telemetry without counts would be read as a log without time, with another message.
+        // Without its counts, telemetry would be read as a log without time. That gives another message.
         if name != "position_counts" {
             text(
                 plain(&with(1, &|row| row[column] = "other".into())),
@@ -233,12 +233,12 @@ fn refused(good: &Cells) -> Vec<(Vec<u8>, String)> {
     refused
 }
 
-/// A temporary folder, in memory if possible.
+/// A temporary folder. It is in memory if possible.
 fn folder() -> TempDir {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
 }
 
-/// Result of reading a file with this content.
+/// What the function answers to a file with this content.
 fn answer(door: &Door, folder: &Path, content: &[u8]) -> Found {
     let path = folder.join("table.csv");
     fs::write(&path, content).unwrap();
@@ -273,7 +273,7 @@ fn every_door_refuses_the_same_tables_by_line_and_column() {
     }
 }
 
-/// A table with flipped, inserted and deleted bytes, doubled rows and swapped cells.
+/// A broken form of the good table: bytes are flipped, inserted and deleted, rows doubled, cells swapped.
 fn spoiled(good: &Cells, random: &mut Xoshiro256PlusPlus) -> Vec<u8> {
     const INSERTED: &[u8] = b",;\t\"#\r\n\0 -.e9\xff\xef\xbb\xbf";
     let mut cells = good.clone();

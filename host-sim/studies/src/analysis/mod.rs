@@ -1,4 +1,4 @@
-//! Analyses of a scene in addition to its walks: linear stability and passivity, identification, and comparison of
+//! The analyses of a scene, except its walks: linear stability and passivity, identification, and comparison of
 //! estimators.
 
 pub mod agree;

@@ -20,13 +20,14 @@ use crate::{
     study::{boundary::BoundaryPoint, walk::walk},
 };
 
-/// A point of the simulated boundary, and the result of its hit.
+/// A point of the simulated boundary, with the linear analysis of its wall and the result of its hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explained {
     pub point: BoundaryPoint,
-    /// End of the linear envelope at this B, N/m. Every K from 0 to this value is stable. Infinite if no K is unstable.
+    /// End of the linear envelope at this B, in N/m. The linear loop is stable for every K from 0 to this value. The
+    /// value is infinite if it is stable for every K.
     pub linear_n_per_m: f64,
-    /// Further linearly stable intervals of K above the envelope, N/m.
+    /// Further intervals of K above the envelope in which the linear loop is stable, in N/m.
     pub further_stable_n_per_m: Vec<(f64, f64)>,
     pub report: HitReport,
 }
@@ -71,11 +72,11 @@ pub fn explain(
         .collect()
 }
 
-/// Number of intervals on the edge of the passive region. The edge goes from B = 0 to the largest B at which K = 0 is
-/// passive.
+/// The edge of the passive region is divided into this number of intervals. It goes from B = 0 to the largest B at
+/// which K = 0 is passive.
 const REGION_POINTS: u32 = 64;
 
-/// The edge of the walls that are passive with any hand, from B = 0 on.
+/// The edge of the region of walls that are passive with any hand. It begins at B = 0.
 ///
 /// # Errors
 /// The device's damping is not finite.
@@ -133,7 +134,7 @@ mod tests {
         .unwrap();
         let above: Vec<&Explained> = explained.iter().filter(|e| e.is_unstable()).collect();
         assert!(above.len() >= 20 && explained.len() > above.len() + 10, "{}", above.len());
-        // If the handle rests between two counts, the RMS is below half a count.
+        // A handle that rests between two counts has an RMS below half a count.
         let at_rest_m = 0.5 * scene.encoder.resolution_m;
         assert!(above.iter().all(|e| e.report.is_stable() && e.report.rms_m > at_rest_m));
         scene.wall_hit.rms_limit_m = at_rest_m;

@@ -1,5 +1,5 @@
-//! Effect of the passivity controller ([`zwidth::passivity`]) on a scene's walls. Compares areas with and without the
-//! controller. Hits the walls on the boundary.
+//! Shows the effect of the passivity controller ([`zwidth::passivity`]) on a scene's walls. This module compares the
+//! areas with and without the controller, and hits the walls on the boundaries.
 
 use std::sync::atomic::AtomicBool;
 
@@ -26,18 +26,18 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// Largest number of walls that are hit on a boundary. The walls are evenly spaced in B.
+/// On each boundary, at most this number of walls is hit. The walls are evenly spaced in B.
 const WALLS: usize = 24;
 
 #[derive(Clone, Debug)]
 pub struct PassiveQuestion {
-    /// Limits for the motion at a stable wall.
+    /// Limits for the motion at a wall that counts as stable.
     pub limits: Vec<Limit>,
     pub filters: Vec<VelocitySettings>,
     pub repeats: u32,
     pub walk: Walk,
     pub table: PassivityTable,
-    /// Durations of the hits before their window, s. A limit cycle gets energy during the whole hit.
+    /// How long the hits last before their measurement window, in s. A limit cycle gets energy during the whole hit.
     pub settles_s: Vec<f64>,
 }
 
@@ -47,79 +47,80 @@ impl PassiveQuestion {
     }
 }
 
-/// Results of hits at the walls of a boundary, with one duration. Values are means over the walls, except values that
-/// are called the largest.
+/// Results of hits at the walls of a boundary. All hits have the same duration. Values are means over the walls, unless
+/// their comment says that they are the largest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Length {
-    /// Nominal cutoff, Hz; `None` without a cutoff.
+    /// Nominal cutoff of the estimator, in Hz; `None` if it has no cutoff.
     pub cutoff_hz: Option<f64>,
     #[serde(skip)]
     pub limit: Limit,
     /// Whether the passivity controller is on.
     pub controller: bool,
-    /// Duration before the window, s.
+    /// Duration of the hit before its window, in s.
     pub settle_s: f64,
     pub walls: usize,
-    /// Largest energy that a wall has given in a contact, from force and counts, J.
+    /// Largest energy that a wall has given in a contact, in J. It is computed from force and counts.
     pub given_j: f64,
-    /// Largest energy that a wall has given in a contact, from force and true motion, J.
+    /// Largest energy that a wall has given in a contact, in J. It is computed from force and true motion.
     pub given_by_motion_j: f64,
-    /// Power that the device's damping takes from the limit cycle in the window, b <v^2>, W. The source of the limit
+    /// Power `b <v^2>` that the device's damping takes from the limit cycle in the window, in W. What drives the limit
     /// cycle supplies the same power.
     pub fed_w: f64,
-    /// Force that the controller withholds, as a fraction of the wall's force.
+    /// The force that the controller withholds, as a fraction of the wall's force.
     pub withheld_fraction: f64,
-    /// Largest withheld fraction of any wall.
+    /// The largest withheld fraction that a wall has.
     pub withheld_most_fraction: f64,
-    /// Mean penetration in the window divided by push / K. A value above 1 means that the wall sags.
+    /// Mean penetration in the window, divided by `push / K`. A value above 1 means that the handle sinks deeper into
+    /// the wall than its K allows.
     pub sag: f64,
 }
 
-/// Results of hits at the walls of a boundary. Values are means over the walls, except values that are called the
-/// largest.
+/// Results of hits at the walls of a boundary. Values are means over the walls, unless their comment says that they are
+/// the largest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Hits {
     pub walls: usize,
-    /// Largest energy that a wall has given in a contact, J.
+    /// Largest energy that a wall has given in a contact, in J.
     pub given_j: f64,
-    /// Number of walls that have given more than the reserve.
+    /// Number of walls that have given more energy than the reserve allows.
     #[serde(rename = "walls_beyond_reserve")]
     pub beyond: usize,
-    /// Fraction of the outputs in contact that the controller has changed.
+    /// The controller has changed this fraction of the outputs in contact.
     pub limited_fraction: f64,
-    /// Force that the controller withholds, as a fraction of the wall's force.
+    /// The force that the controller withholds, as a fraction of the wall's force.
     pub withheld_fraction: f64,
-    /// Fraction of the outputs that saturated.
+    /// Fraction of the outputs at which the force saturated.
     pub saturated_fraction: f64,
-    /// RMS of the motion in the window, m.
+    /// RMS of the motion in the window, in m.
     pub rms_motion_m: f64,
-    /// RMS of the force above 100 Hz in the window, N.
+    /// RMS of the force above 100 Hz in the window, in N.
     pub roughness_n: f64,
 }
 
-/// Results of one cutoff at one limit, with or without the controller.
+/// The results of one cutoff at one limit, either with or without the controller.
 #[derive(Clone, Debug)]
 pub struct PassiveRow {
-    /// Nominal cutoff, Hz; `None` without a cutoff.
+    /// Nominal cutoff of the estimator, in Hz; `None` if it has no cutoff.
     pub cutoff_hz: Option<f64>,
     pub limit: Limit,
     /// Whether the passivity controller is on.
     pub controller: bool,
     pub boundaries: Boundaries,
-    /// Hits in this loop. The first element is for the boundary that was found without the controller. With the
-    /// controller on, the second element is for the boundary that was found with the controller.
+    /// Hits in this loop. The first element is at the walls of the boundary that was found without the controller. The
+    /// second element is at the walls of the boundary that was found with it. Without the controller it is empty.
     pub hits: [Hits; 2],
 }
 
 #[derive(Clone, Debug)]
 pub struct PassiveStudy {
     pub question: PassiveQuestion,
-    /// Largest energy that the controller lets a contact give, J.
+    /// Largest energy that the controller allows a wall to give in a contact, in J.
     pub reserve_j: f64,
-    /// Rows by limit and cutoff. Rows without the controller come first.
+    /// The rows, ordered by limit and cutoff. The row without the controller comes before the row with it.
     pub rows: Vec<PassiveRow>,
-    /// Hits by limit, cutoff and duration. Hits without the controller come first. All hits are at the boundaries that
-    /// were found without the controller.
+    /// The results for each duration of the hits, ordered by limit, cutoff and duration. Those without the controller
+    /// come first. All hits are at the boundaries that were found without the controller.
     pub lengths: Vec<Length>,
 }
 
@@ -181,25 +182,25 @@ pub fn passive(
     Ok(PassiveStudy { question, reserve_j, rows, lengths: by_length })
 }
 
-/// Walls on the first boundary of the repeats.
+/// Some walls on the first of the repeated boundaries.
 fn walls(boundaries: &Boundaries, velocity: VelocitySettings) -> Vec<WallHit> {
     let Some(first) = boundaries.first() else { return vec![] };
     let step = first.points.len().div_ceil(WALLS).max(1);
     first.points.iter().step_by(step).map(|wall| wall.hit(velocity)).collect()
 }
 
-/// Energy of a wall's force along the true motion. The energy begins at zero in each contact.
+/// Sums up the energy of a wall's force along the true motion. In each contact the energy begins at zero.
 struct MotionAccount {
-    /// Largest delay from a count to its force, samples.
+    /// Largest delay from a count to its force, in samples.
     until_it_acts: u64,
-    /// Position of the first count in contact, m.
+    /// Position of the first count in contact, in m.
     contact_m: f64,
-    /// Samples since the last contact.
+    /// Number of samples since the last contact.
     free: u64,
-    /// The output without the wall, N: the push, rounded to an output code.
+    /// The output that there would be without the wall, in N. It is the push, rounded to an output code.
     rest_n: f64,
     energy_j: f64,
-    /// Largest energy given so far.
+    /// Largest energy that the wall has given so far.
     given_j: f64,
 }
 
@@ -215,7 +216,7 @@ impl MotionAccount {
         }
     }
 
-    /// Adds a sample, during which the handle moved by `moved_m`.
+    /// Adds a sample. During this sample the handle moved by `moved_m`.
     fn take(&mut self, sample: &Sample, moved_m: f64) {
         self.free = if sample.position_m > self.contact_m { 0 } else { self.free + 1 };
         if self.free > self.until_it_acts {
@@ -227,7 +228,8 @@ impl MotionAccount {
     }
 }
 
-/// Result of a hit: its port, the largest energy given along the true motion, the power of the damping, and the sag.
+/// Result of a hit: the energy at its port, the largest energy that was given along the true motion, the power of the
+/// damping, and the sag.
 type Shown = (PortReport, f64, f64, f64);
 
 /// Hits the walls with the duration in the scene.
@@ -313,7 +315,7 @@ fn hits(
     Ok(sum)
 }
 
-/// Data of a row: the study, a boundary, the name of the boundary whose walls were hit, and the hits.
+/// What a row of the table needs: the study, a boundary, the name of the boundary whose walls were hit, and the hits.
 type Hit<'a> = (&'a PassiveStudy, &'a PassiveRow, &'static str, Hits);
 
 use Kind::{Flag, Number, Text, Whole};
@@ -334,12 +336,12 @@ impl PassiveStudy {
         ("sag", Number, |row| row.sag.into()),
     ];
 
-    /// A row for each limit, cutoff and duration of the hits, with and without the controller.
+    /// A table with a row for each limit, cutoff and duration of the hits, with and without the controller.
     pub fn length_table(&self) -> Table {
         Table::of(&Self::LENGTHS, &self.lengths)
     }
 
-    /// A row for each limit, each cutoff, and each boundary whose walls were hit.
+    /// A table with a row for each limit, each cutoff, and each boundary whose walls were hit.
     pub fn table(&self) -> Table {
         let columns: [Told<Hit<'_>>; 20] = [
             ("cutoff_hz", Number, |(_, row, ..)| Cell::number(row.cutoff_hz)),

@@ -1,5 +1,5 @@
-//! Computes the energy at the port again from the outputs of a capture. Compares this energy with the energy in the
-//! capture's key frames.
+//! Computes the energy at the port from the outputs of a capture, and compares it with the energy that the capture's
+//! key frames report.
 
 use zwidth::{
     port::PortEnergy,
@@ -9,29 +9,30 @@ use zwidth::{
 
 use super::telemetry::Chunk;
 
-/// Time until a push has its full force, ms. There is one output per millisecond. Each output adds at most 5 % of full
-/// scale.
+/// Time until a push has its full force, in ms. There is one output per millisecond. Each output adds at most 5 % of
+/// full scale.
 const PUSH_MS: u64 = 41;
-/// Samples per millisecond at the boards' rate.
+/// Number of samples per millisecond at the boards' sample rate.
 const SAMPLES_PER_MS: u64 = 10;
 
-/// The energy up to the last output.
+/// The energy that the core has computed, up to the last output.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Account {
     port: Option<PortEnergy>,
-    /// Sample of the last output, and number of samples since the previous output.
+    /// Sample number of the last output, and number of samples since the output before.
     last: Option<(u64, u64)>,
     push: Force,
-    /// Sample of the last change of the push.
+    /// Sample number of the last change of the push.
     pushed: u64,
     zeros: Option<u16>,
 }
 
-/// A difference in energy: sample, energy of the board, and energy of the core.
+/// A difference in energy: the sample number, the energy that the board reports, and the energy that the core computes.
 pub type Other = (u64, i64, i64);
 
 impl Account {
-    /// Adds a frame. Returns the number of compared key frames, and a difference if there is one.
+    /// Adds a frame of the capture. Returns the number of key frames that were compared, and a difference if there is
+    /// one.
     pub fn take(&mut self, chunk: &Chunk) -> (u64, Option<Other>) {
         for (record, push) in chunk.outputs.iter().zip(&chunk.pushes) {
             self.output(record, *push);
@@ -69,8 +70,8 @@ impl Account {
         }
     }
 
-    /// Force of the wall from this output on, and whether the handle is in contact. `None` if the force is unknown. The
-    /// force is unknown during the sign test and the ramp, and while a push rises.
+    /// The force of the wall from this output on, and whether the handle is in contact. `None` if the force is unknown.
+    /// The force is unknown during the sign test and the ramp, and while a push rises.
     fn wall(&self, record: &Record) -> Option<(i64, bool)> {
         let has = |flag| record.flags.contains(flag);
         if !has(Flags::ON) {

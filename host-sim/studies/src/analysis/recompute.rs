@@ -1,9 +1,10 @@
-//! Computes every sample of a capture again with the core, from the board's counts and key frames (keys).
+//! Computes every sample of a capture again with the core. It uses the board's counts and its key frames, here called
+//! keys.
 //!
 //! A key has the state of the sampler. From one key to the next key, every velocity follows from the counts, and every
-//! force from the settings. The board's outputs, and the state in the board's next key, must be equal to these results,
-//! bit for bit. If outputs or state differ, the first sample with a difference is reported. Later samples, up to the
-//! next key, are not compared.
+//! force follows from the velocity and the settings. The board's outputs, and the state in the board's next key, must
+//! be equal to these results, bit for bit. If outputs or state differ, the first sample with a difference is reported.
+//! Later samples, up to the next key, are not compared.
 
 use std::{
     collections::HashMap,
@@ -24,28 +25,29 @@ use super::{
     telemetry::{Capture, Chunk},
 };
 
-/// Largest motion in the sample in which the count was set to zero, counts. The capture does not contain this motion.
+/// Largest motion that is tried in the sample in which the count was set to zero, in counts. The capture does not
+/// contain this motion.
 const ZEROED_MOVE: i32 = 500;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
     pub sample: u64,
     pub position: Position,
-    /// Velocity, if it could be computed.
+    /// The computed velocity; `None` if it could not be computed.
     pub velocity: Option<Velocity>,
     /// Force of the last output; `None` before the first output.
     pub force: Option<Force>,
-    /// Velocity of the board, if the sample has an output.
+    /// The velocity that the board has sent; `None` if the sample has no output.
     pub told: Option<Velocity>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Difference {
-    /// First sample with a difference.
+    /// The first sample in which board and core differ.
     pub sample: u64,
-    /// Name of the quantity with a difference.
+    /// Name of the quantity that differs.
     pub what: &'static str,
-    /// Value of the board, as bits. `core` is the value of the core.
+    /// The value of the board, as bits. `core` has the value of the core.
     pub board: i64,
     pub core: i64,
 }
@@ -60,9 +62,9 @@ impl fmt::Display for Difference {
 /// A capture that was computed again.
 #[derive(Clone, Debug, Default)]
 pub struct Recomputed {
-    /// Every sample whose count is in the capture, in order.
+    /// All samples whose count is in the capture, in their order.
     pub rows: Vec<Row>,
-    /// Ranges of `rows` without a missing sample.
+    /// Ranges of `rows` in which no sample is missing.
     pub stretches: Vec<Range<usize>>,
     /// Number of samples whose velocity was computed.
     pub computed: u64,
@@ -74,14 +76,15 @@ pub struct Recomputed {
     pub states: u64,
     /// Number of keys whose energy at the port was compared with the computed energy.
     pub energies: u64,
-    /// Number of recomputed changes of the estimator, its tuning or the zero of the count.
+    /// Number of changes that were computed again. A change is of the estimator, of its tuning or of the zero of the
+    /// count.
     pub changes: u64,
     pub differences: Vec<Difference>,
-    /// Ranges between two keys that could not be computed: first sample, last sample, and reason.
+    /// Ranges between two keys that could not be computed. Each has its first sample, its last sample and the reason.
     pub unknown: Vec<(u64, u64, &'static str)>,
 }
 
-/// A sample in the capture, with its output.
+/// A sample that the capture has, with its output if there is one.
 #[derive(Clone, Copy)]
 struct Told {
     sample: u64,
@@ -89,7 +92,7 @@ struct Told {
     output: Option<(Record, Force)>,
 }
 
-/// Data between two resets of the board.
+/// What the capture has between two resets of the board.
 #[derive(Default)]
 struct Run {
     told: Vec<Told>,
@@ -102,7 +105,7 @@ impl Recomputed {
         Self::until(capture, &AtomicBool::new(false))
     }
 
-    /// Computes a capture again. If `stop` is set, ends with a part of the capture.
+    /// Computes a capture again. If `stop` is set, it ends early and returns the part that was computed.
     pub fn until(capture: &Capture, stop: &AtomicBool) -> Self {
         let mut all = Self::default();
         let mut run = Run::default();
@@ -128,7 +131,7 @@ impl Recomputed {
         all
     }
 
-    /// Gaps between the samples of the capture: first and last missing sample of each gap.
+    /// Gaps between the samples of the capture. Each gap has its first and its last missing sample.
     pub fn gaps(&self) -> Vec<(u64, u64)> {
         let ends = self.stretches.windows(2).filter_map(|pair| {
             let [before, after] = [self.rows.get(pair[0].end - 1)?, self.rows.get(pair[1].start)?];
@@ -137,8 +140,9 @@ impl Recomputed {
         ends.collect()
     }
 
-    /// One row per sample, in integers of the control loop. The velocity is in 2^-16 counts per sample. The velocity is
-    /// empty if it could not be computed. The force of the last output is in 2^-30 of full scale.
+    /// The samples as CSV, one row per sample. The numbers are the integers of the control loop. The velocity is in
+    /// 2^-16 counts per sample. The velocity is empty if it could not be computed. The force of the last output is in
+    /// 2^-30 of full scale.
     pub fn csv(&self) -> String {
         let mut text = String::from("sample,position_counts,velocity_q16,force_q30,output\n");
         for Row { sample, position, velocity, force, told } in &self.rows {
@@ -155,7 +159,7 @@ impl Recomputed {
         self.differences.first()
     }
 
-    /// Adds the samples of a chunk. False if a count differs from an earlier report of the same sample.
+    /// Adds the samples of a chunk. Returns false if a count differs from an earlier report of the same sample.
     fn add(&mut self, run: &mut Run, chunk: &Chunk) -> bool {
         for settings in &chunk.settings {
             run.settings.insert(settings.number, settings.settings.build(&settings.design).ok());
@@ -198,7 +202,7 @@ impl Recomputed {
         self.differences.push(Difference { sample, what, board: board.into(), core: core.into() });
     }
 
-    /// Whether two reports of a sample's count agree.
+    /// Compares two reports of a sample's count. Returns whether they agree.
     fn count(&mut self, sample: u64, told: Position, before: Position) -> bool {
         if told != before {
             self.differ(sample, "count", told.counts(), before.counts());
@@ -206,7 +210,7 @@ impl Recomputed {
         told == before
     }
 
-    /// Computes all samples of a run between two resets.
+    /// Computes all samples of a run. A run lies between two resets of the board.
     fn take(&mut self, run: &Run, stop: &AtomicBool) {
         for stretch in run.told.chunk_by(|a, b| b.sample == a.sample + 1) {
             let begin = self.rows.len();
@@ -224,7 +228,7 @@ impl Recomputed {
         }
     }
 
-    /// Computes a range of samples from key to key.
+    /// Computes a range of samples without a gap, from each key to the next.
     fn stretch(&mut self, run: &Run, stretch: &[Told], begin: usize, stop: &AtomicBool) {
         let (Some(first), Some(last)) = (stretch.first(), stretch.last()) else { return };
         let place = |key: &Key| usize::try_from(key.sample - first.sample).unwrap_or(usize::MAX);
@@ -302,8 +306,8 @@ impl Recomputed {
         }
     }
 
-    /// Whether the force of an output agrees with the core. Also true if the force has another source than wall and
-    /// push.
+    /// Whether the force of an output agrees with the core. The result is also true if the force does not come from
+    /// wall and push alone.
     fn force(&mut self, run: &Run, record: &Record, motion: Motion, push: Force) -> bool {
         let Some(Some(parameters)) = run.settings.get(&record.settings) else { return true };
         let (flags, drive) = (record.flags, parameters.render(motion, push));
@@ -330,14 +334,14 @@ impl Recomputed {
     }
 }
 
-/// Result of the core for several samples: velocities, last state, and estimator.
+/// What the core computes for several samples: the velocities, the last state, and the estimator.
 struct Path {
     velocities: Vec<Velocity>,
     state: velocity::State,
     estimator: Tuned,
 }
 
-/// Whether the last state of the path is the state of the key.
+/// Whether the path ends in the state that the key has.
 fn is(path: &Path, key: &Key) -> bool {
     let mut memory = [0; zwidth::telemetry::STATE_MAX];
     let length = path.state.put(&path.estimator, &mut memory);
@@ -346,7 +350,7 @@ fn is(path: &Path, key: &Key) -> bool {
 }
 
 /// Computes the samples after the first sample. The estimator changes at the index of `change`. The count is set to
-/// zero at the index of `zero`, in a sample with the given motion, counts.
+/// zero at the index of `zero`. The handle moves by the given number of counts in this sample.
 fn follow(
     samples: &[Told],
     mut state: velocity::State,
@@ -376,10 +380,10 @@ fn follow(
     Path { velocities, state, estimator }
 }
 
-/// The path to a key after a change of the tuning or of the count's zero. A change normally acts from the sample after
-/// an output on. A later sample is used only if no other path ends in the key's state. The motion in the sample that
-/// sets the count to zero is unknown. This motion follows from the key's state. `None` if no path ends in this state.
-/// Also `None` if several paths from later samples end in this state with different velocities.
+/// Finds the path to a key after a change of the tuning or of the count's zero. A change normally acts from the sample
+/// after an output on. A later sample is used only if no other path ends in the key's state. The motion in the sample
+/// that sets the count to zero is unknown, but it follows from the key's state. The result is `None` if no path ends in
+/// this state. It is also `None` if several paths from later samples end in this state with different velocities.
 fn followed(
     samples: &[Told],
     state: velocity::State,
@@ -412,7 +416,7 @@ fn followed(
     } else {
         let zeroed = places.filter(|&n| samples[n].position == Position::default());
         let moves: Vec<i32> = (0..=ZEROED_MOVE).flat_map(|d| [d, -d]).collect();
-        // The first samples at zero, up to twenty.
+        // The first samples with a position of zero, at most twenty.
         let first: Vec<usize> = zeroed.take(20).collect();
         moves.iter().flat_map(|&moved| first.iter().map(move |&at| Some((at, moved)))).collect()
     };
@@ -423,8 +427,8 @@ fn followed(
             if !fits(&path) {
                 continue;
             }
-            // By the board's timing, the change acts from the sample after the output on. If the estimator has no
-            // memory, several samples fit.
+            // If the estimator has no memory, several samples fit. The board's timing decides: the change acts from the
+            // sample after the output on.
             if zero.is_some() || change == &changes[0] {
                 return Some(path);
             }

@@ -1,5 +1,5 @@
-//! The rendered impedance of the sampled loop. A sine moves the handle inside the wall, and the loop responds with a
-//! force.
+//! Computes the impedance that the sampled loop renders. A sine moves the handle inside the wall, and the loop responds
+//! with a force.
 //!
 //! The loop of the scene (encoder, estimator in the core's integers, wall, output period, latency) runs with a
 //! prescribed motion of [`AMPLITUDE_COUNTS`]. The ratio of the Fourier coefficients of force and motion is the
@@ -37,20 +37,21 @@ use crate::{
     },
 };
 
-/// Amplitude of the motion, counts. This amplitude is as small as in a contact, but has many counts.
+/// Amplitude of the motion, in counts. It is as small as in a contact, but covers many counts.
 pub const AMPLITUDE_COUNTS: f64 = 100.0;
-/// Length of the record, s. The record has two periods of 1 Hz.
+/// Length of the record, in s. A sine of 1 Hz has two periods in it.
 const RECORD_S: f64 = 2.0;
-/// Time before the record, s.
+/// Time that the loop settles before the record, in s.
 const SETTLE_S: f64 = 1.0;
 
-/// Approximate frequencies at which the magnitude is compared, Hz: the range of a hand's motion.
+/// Frequencies at which the magnitude is compared, in Hz. The exact frequencies differ a little. They cover the motion
+/// of a hand.
 pub const HZ: [f64; 12] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.5, 10.0, 13.0, 17.0, 23.0, 30.0];
-/// Stiffness of the run that measures an observer's response to the force, N/m. This value is so high that the LSB of
-/// the force has no effect.
+/// Stiffness of the wall with which an observer's response to the force is measured, in N/m. This value is so high that
+/// the LSB of the force has no effect.
 const PROBE_N_PER_M: f64 = 2000.0;
 
-/// The scene with an actuator that does not saturate at frequencies up to `highest_hz`.
+/// The scene with an actuator that does not saturate in the wall, at frequencies up to `highest_hz`.
 pub(super) fn unlimited(scene: &Scene, wall: &WallHit, highest_hz: f64) -> Scene {
     let mut scene = scene.clone();
     let depth_m = 4.0 * AMPLITUDE_COUNTS * scene.encoder.resolution_m;
@@ -64,10 +65,10 @@ pub(super) fn unlimited(scene: &Scene, wall: &WallHit, highest_hz: f64) -> Scene
     scene
 }
 
-/// The encoder with a prescribed motion.
+/// The encoder of a scene. The motion of the handle is prescribed.
 struct Encoder<'a> {
     scene: &'a Scene,
-    /// Number of this motion, so that each motion has its own noise.
+    /// Number of this motion. Each motion has its own noise.
     hit: u64,
 }
 
@@ -83,34 +84,34 @@ impl Encoder<'_> {
     }
 }
 
-/// The loop with a sine as its motion.
+/// The loop of a scene while a sine moves the handle.
 pub(super) struct Sine<'a> {
     scene: &'a Scene,
     pub(super) wall: &'a WallHit,
-    /// Number of outputs in the record.
+    /// Number of outputs that the record has.
     outputs: f64,
-    /// Exact frequency of the sine, Hz.
+    /// Exact frequency of the sine, in Hz.
     pub(super) frequency_hz: f64,
 }
 
 /// One output of the record.
 pub(super) struct Output {
-    /// Factor that gives the contribution of the force to the fundamental. A held force acts like a short push in the
-    /// middle of the hold.
+    /// The force times this factor is what the force contributes to the fundamental. A held force acts like a short
+    /// push in the middle of the hold.
     pub(super) acts: Complex<f64>,
-    /// Depth behind the surface from the counts, m.
+    /// Depth behind the surface according to the counts, in m.
     pub(super) depth_m: f64,
-    /// Speed of the motion, m/s.
+    /// True speed of the motion, in m/s.
     pub(super) speed_m_per_s: f64,
-    /// Velocity of the estimator, m/s.
+    /// Velocity that the estimator gives, in m/s.
     pub(super) velocity_m_per_s: f64,
-    /// Requested force, N.
+    /// Force that the wall requests, in N.
     pub(super) force_n: f64,
 }
 
 impl<'a> Sine<'a> {
-    /// A sine near this frequency. The number of its periods and the number of outputs have no common factor. So no
-    /// pattern of counts repeats.
+    /// Makes a sine near this frequency. The number of its periods and the number of outputs have no common factor. So
+    /// no pattern of counts repeats.
     pub(super) fn new(scene: &'a Scene, wall: &'a WallHit, about_hz: f64) -> Self {
         let output_hz = scene.control.rate_hz / f64::from(scene.actuator.period);
         let periods = (RECORD_S * about_hz).round();
@@ -132,7 +133,8 @@ impl<'a> Sine<'a> {
         self.run_at(false, each)
     }
 
-    /// Runs the loop. With `samples`, calls `each` with every sample and the force of the last output.
+    /// Runs the loop. If `samples` is false, calls `each` with every output. If it is true, calls `each` with every
+    /// sample and the force of the last output.
     fn run_at(&self, samples: bool, mut each: impl FnMut(&Output)) -> Result<(), Error> {
         let Self { scene, wall, .. } = self;
         let design = scene.design();
@@ -184,18 +186,18 @@ impl<'a> Sine<'a> {
         Ok(())
     }
 
-    /// Angle of the sine per sample, rad.
+    /// Angle by which the sine advances per sample, in rad.
     fn omega(&self) -> f64 {
         2.0 * PI * self.frequency_hz / self.scene.control.rate_hz
     }
 
-    /// Coefficient of the force, from a sum over the record.
+    /// Fourier coefficient of the force. `sum` is the sum of the contributions of all outputs in the record.
     pub(super) fn force_n(&self, sum: Complex<f64>) -> Complex<f64> {
         let [hold, lag] = self.held();
         sum / self.outputs * hold * lag
     }
 
-    /// Gain of the hold, and response of the amplifier.
+    /// Response of the hold, and response of the amplifier.
     fn held(&self) -> [Complex<f64>; 2] {
         let half = self.omega() * f64::from(self.scene.actuator.period) / 2.0;
         let lag = self.scene.amplifier.map_or(Complex::new(1.0, 0.0), |amplifier| {
@@ -204,7 +206,8 @@ impl<'a> Sine<'a> {
         [(half.sin() / half).into(), lag]
     }
 
-    /// Coefficient of the motion, m: x = A sin = A (e - e*) / 2j, where e* is the conjugate of e.
+    /// Fourier coefficient of the motion, in m. The motion is x = A sin = A (e - e*) / 2j, where e* is the conjugate of
+    /// e.
     pub(super) fn motion(&self) -> Complex<f64> {
         Complex::new(0.0, -AMPLITUDE_COUNTS * self.scene.encoder.resolution_m / 2.0)
     }
@@ -217,22 +220,22 @@ struct Answer {
     /// Ratio of the measured position to the motion. The ratio is 1 except for rounding, error and noise of the
     /// encoder.
     position: Complex<f64>,
-    /// Velocity per motion, 1/s.
+    /// Velocity divided by the motion, in 1/s.
     by_motion: Complex<f64>,
-    /// Velocity per force that the estimator gets, m/s per N.
+    /// Velocity divided by the force that the estimator gets, in m/s per N.
     by_force: Complex<f64>,
-    /// Response of hold and amplifier, with the latency.
+    /// Response of hold and amplifier. It includes the latency.
     held: Complex<f64>,
 }
 
-/// Response of an estimator to the motion of a hand, 1 to 30 Hz.
+/// Response of an estimator to the motion of a hand. The frequencies are 1 to 30 Hz.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rendered {
     answers: Vec<Answer>,
 }
 
 impl Rendered {
-    /// The response of a filter in a scene.
+    /// Measures the response of a filter in a scene.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -269,7 +272,7 @@ impl Rendered {
             .map(|answers| Self { answers })
     }
 
-    /// Largest relative error of the magnitude of the rendered impedance against K + jwB.
+    /// Largest relative error of the rendered impedance's magnitude. The commanded impedance is K + jwB.
     pub fn error(&self, stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> f64 {
         let (k, b) = (stiffness_n_per_m, damping_n_s_per_m);
         let error = |answer: &Answer| {
@@ -281,7 +284,7 @@ impl Rendered {
 }
 
 impl Answer {
-    /// Rendered impedance of the wall, N/m.
+    /// Impedance that the loop renders for this wall, in N/m.
     fn impedance(&self, k: f64, b: f64) -> Complex<f64> {
         let pull = self.by_force * self.position * k;
         let velocity = (self.by_motion - pull) / (self.by_force * b + 1.0);
@@ -290,7 +293,7 @@ impl Answer {
 }
 
 impl Sine<'_> {
-    /// Coefficients of position, velocity and granted force, divided by the coefficient of the motion. An estimator
+    /// Fourier coefficients of position, velocity and granted force, each divided by that of the motion. An estimator
     /// without a force input does not depend on the output period. So for this estimator all samples are used, and not
     /// only the outputs. This reduces the ripple of the counts.
     fn coefficients(&self, is_told: bool) -> Result<[Complex<f64>; 3], Error> {
@@ -316,11 +319,11 @@ mod tests {
         NamedScene::load("paper-1um").unwrap().scene
     }
 
-    /// Walls on both sides of K = w B, and in the middle of the sector, K, N/m, and B, N s/m.
+    /// Walls with K in N/m and B in N s/m. They lie on both sides of K = w B, and in the middle of the sector.
     const WALLS: [[f64; 2]; 5] =
         [[20_000.0, 10.0], [20_000.0, 100.0], [20_000.0, 300.0], [5000.0, 300.0], [0.0, 50.0]];
 
-    /// The error from the estimator's transfer function, at the same frequencies.
+    /// The error that follows from the estimator's transfer function, at the same frequencies.
     fn linear(scene: &Scene, filter: VelocitySettings, [k, b]: [f64; 2]) -> Option<f64> {
         let design = scene.design();
         let of = transfer_function(&filter, &design).unwrap()?;
@@ -335,10 +338,10 @@ mod tests {
         Some(rendered.answers.iter().map(error).fold(0.0, f64::max))
     }
 
-    /// Error by quantisation at an amplitude of 100 counts.
+    /// Error that quantisation causes at an amplitude of 100 counts.
     const ROUNDING: f64 = 1.5e-3;
-    /// Error by quantisation if a wall is measured alone and only at its outputs, and most of the wall's force comes
-    /// from the damper. This error is larger for estimators that chatter.
+    /// Error that quantisation causes if a wall is measured alone, only at its outputs, and the damper gives most of
+    /// its force. This error is larger for estimators that chatter.
     const ROUNDING_OF_OUTPUTS: f64 = 0.015;
     const CHATTER: f64 = 0.1;
 
@@ -366,7 +369,8 @@ mod tests {
         assert!(tried >= 50 && largest > 0.1, "{tried} {largest}");
     }
 
-    /// Compares with one run of the loop at each wall. The estimators have a force input or are non-linear.
+    /// Compares the result for each wall with a separate run of the loop at this wall. The estimators have a force
+    /// input or are non-linear.
     #[test]
     fn the_walls_follow_from_one_run_as_each_of_them_alone() {
         let observer = |bandwidth_hz| VelocitySettings::Observer { bandwidth_hz, mass_kg: 0.416 };

@@ -1,4 +1,4 @@
-//! Rows from a board's binary telemetry in a file.
+//! Reads a board's binary telemetry from a file and makes rows of it.
 
 use std::{
     collections::BTreeSet,
@@ -15,38 +15,38 @@ use zwidth::{
 /// The contents of one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chunk {
-    /// Sequence number in the stream.
+    /// Sequence number of the frame in the stream.
     pub sequence: u32,
-    /// Outputs of the frame, oldest first.
+    /// Outputs of the frame. The oldest comes first.
     pub outputs: Vec<Record>,
-    /// Push of an experiment at each output.
+    /// Push of the running experiment at each output.
     pub pushes: Vec<Force>,
-    /// Position of the sample before the frame, then of each sample up to the newest output. Empty for layout 1,
-    /// or if all samples of the frame are outputs.
+    /// Positions of the sample before the frame, then of each sample up to the newest output. The list is empty in
+    /// layout 1, and if all samples of the frame are outputs.
     pub positions: Vec<Position>,
-    /// Settings in the frame. Only estimators of this build are included.
+    /// Settings that the frame reports. Settings of estimators that this build does not know are left out.
     pub settings: Vec<InForce>,
-    /// State of the sampler; only in a key frame.
+    /// State of the sampler. Only a key frame has it.
     pub key: Option<Key>,
-    /// Energy between wall and hand up to the newest output; only in a key frame.
+    /// Energy between wall and hand up to the newest output. Only a key frame has it.
     pub port: Option<Exchanged>,
 }
 
 /// All frames of a capture, and the number of missing frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Capture {
-    /// The frames in the order of arrival. A frame with several outputs appears once for each output.
+    /// The outputs in the order of arrival. If a frame has several outputs, each of them has its own element.
     pub frames: Vec<Frame>,
-    /// The same data by frame, with the counts of all samples.
+    /// The same data frame by frame, with the counts of all samples.
     pub chunks: Vec<Chunk>,
-    /// Number of missing frames, from the sequence numbers.
+    /// Number of missing frames. It follows from gaps in the sequence numbers.
     pub dropped: u64,
-    /// Bytes that belong to no frame.
+    /// Number of bytes that belong to no frame.
     pub garbage_bytes: u64,
 }
 
 impl Chunk {
-    /// The frame that the decoder has just found.
+    /// The contents of the frame that the decoder has just found.
     fn of(decoder: &Decoder, newest: Frame) -> Self {
         let parts = decoder.parts();
         let outputs: Vec<Record> = decoder.outputs(newest).map(|frame| frame.record).collect();
@@ -64,12 +64,12 @@ impl Chunk {
 }
 
 impl Capture {
-    /// Decodes a capture. The capture may begin or end within a frame, and contain any bytes.
+    /// Decodes a capture. It may begin or end within a frame, and it may contain any other bytes.
     pub fn decode(bytes: &[u8]) -> Self {
         Self::decode_until(bytes, &AtomicBool::new(false))
     }
 
-    /// Decodes a capture. If `stop` is set, ends with a part of the capture.
+    /// Decodes a capture. If `stop` is set, it ends early and returns the part that was decoded.
     pub fn decode_until(bytes: &[u8], stop: &AtomicBool) -> Self {
         let mut decoder = Decoder::new();
         let (mut frames, mut chunks) = (Vec::new(), Vec::new());
@@ -92,14 +92,14 @@ impl Capture {
         Self { frames, chunks, dropped: decoder.dropped, garbage_bytes: decoder.garbage }
     }
 
-    /// Codes of the faults that were latched during the capture, ascending.
+    /// Codes of the faults that were latched during the capture, in ascending order.
     pub fn faults(&self) -> Vec<u8> {
         let codes = self.frames.iter().map(|frame| frame.record.fault);
         codes.filter(|code| *code != 0).collect::<BTreeSet<_>>().into_iter().collect()
     }
 
     /// The records of the longest run without a reset of the board, in the order of their samples. If the black box was
-    /// read, some records were received twice. In the result, each record appears once.
+    /// read, some records were received twice. Each of them appears once in the result.
     pub fn longest_run(&self) -> Vec<Record> {
         let live = |frame: &&Frame| !frame.record.flags.contains(Flags::REPLAY);
         let mut runs = vec![Vec::new()];
@@ -122,8 +122,8 @@ impl Capture {
         longest
     }
 
-    /// One row per frame, in the integers of the control loop, so that nothing is rounded. The velocity is in 2^-16
-    /// counts per sample, and the force in 2^-30 of full scale.
+    /// The outputs as CSV, one row each. The numbers are the integers of the control loop, so nothing is rounded. The
+    /// velocity is in 2^-16 counts per sample, and the force in 2^-30 of full scale.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "sequence,sample,position_counts,velocity_q16,force_q30,command,flags,settings,fault\n",

@@ -15,20 +15,21 @@ use zwidth::experiment::{Cell, Verdict, Walk};
 use super::boundary::Progress;
 use crate::simulation::prepared::HitError;
 
-/// Expected error of a guessed K of the boundary, steps.
+/// Expected error of a guess of the boundary's K, in steps.
 const OFF_STEPS: f64 = 1.2;
 /// Probability that a wall is stable before the boundary is reached. Most of these walls are stable.
 const STABLE_BEFORE: f64 = 0.9;
-/// Largest number of examined cells, because several possible walks may reach the same cell.
+/// At most this number of cells is examined. Without a limit the same cell could be examined many times, because
+/// several possible walks may reach it.
 const LOOKED_AT_MAX: usize = 400;
 
-/// K of a boundary at each B, steps.
+/// The K of a boundary at each B, in steps.
 #[derive(Clone, Debug, Default)]
 pub struct Guide(Vec<i32>);
 
 impl Guide {
-    /// Adds the last point of a boundary, if this point is new. `last` is the K of this point and the number of points.
-    /// The points are in the order of B.
+    /// Adds the last point of a boundary if it is new. `last` is the K of this point and the number of points. The
+    /// points are in the order of B.
     pub fn follow(&mut self, last: Option<(i32, usize)>) {
         if let Some((stiffness, _)) = last.filter(|(_, points)| *points > self.0.len()) {
             self.0.push(stiffness);
@@ -39,8 +40,8 @@ impl Guide {
         self.0.get(usize::try_from(damping).ok()?).map(|k| f64::from(*k))
     }
 
-    /// A guess of K at a B beyond the boundary so far. The guess follows the trend of a neighbour or the boundary's own
-    /// trend.
+    /// Guesses K at a B that the boundary has not reached yet. The guess follows the trend of a neighbour or the
+    /// boundary's own trend.
     fn guess(&self, neighbour: &Self, damping: i32) -> Option<f64> {
         let last = i32::try_from(self.0.len()).ok()?.checked_sub(1)?;
         let here = self.at(last)?;
@@ -55,13 +56,13 @@ impl Guide {
     }
 }
 
-/// Range of B for a trend, steps.
+/// A trend is computed over this range of B, in steps.
 const TREND: i32 = 4;
 
-/// A walk that has begun, with its known and its running cells.
+/// A walk that has begun. It has cells with a known verdict and cells that are running.
 pub struct Running {
     pub progress: Progress,
-    /// The boundary so far.
+    /// The boundary of this walk so far.
     pub guide: Guide,
     /// The boundary of a walk with another start or another tuning.
     pub neighbour: Guide,
@@ -82,10 +83,11 @@ pub fn place(cell: Cell) -> (i32, i32) {
     (cell.stiffness, cell.damping)
 }
 
-/// The walk and the cell that are most likely needed. The cell has no verdict and does not run in a lane.
+/// Finds the walk and the cell that are most likely needed next. The cell has no verdict yet, and does not run in a
+/// lane.
 pub fn likeliest(running: &BTreeMap<usize, Running>) -> Option<(usize, Cell)> {
-    // Possible continuations of the walks, the most likely first. If two continuations are equally likely, the
-    // continuation of the first walk comes first. A probability is not negative, so its bits have the same order.
+    // Possible continuations of the walks. The most likely comes first. If two are equally likely, the continuation of
+    // the first walk comes first. A probability is not negative, so its bits have the same order.
     let mut walks: Vec<Walk> = running.values().map(|of| of.progress.walk()).collect();
     let start = |(place, of)| (1f64.to_bits(), Reverse(of), Reverse(place));
     let mut heap: BinaryHeap<_> = running.keys().copied().enumerate().map(start).collect();

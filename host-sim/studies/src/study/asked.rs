@@ -1,4 +1,4 @@
-//! Checks options for a scene before the first hit. Command line and Python share this code.
+//! Checks the options for a scene before the first hit. Command line and Python share this code.
 
 use std::sync::atomic::AtomicBool;
 
@@ -17,16 +17,16 @@ use crate::{
     simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 
-/// Names in messages: a command's options, or a function's arguments.
+/// Names that error messages use: those of a command's options, or of a function's arguments.
 #[derive(Clone, Copy, Debug)]
 pub struct Names {
-    /// Nominal cutoff of the filter, Hz.
+    /// Name of the nominal cutoff of the filter, in Hz.
     pub cutoff: &'static str,
-    /// Stiffness of the wall, N/m.
+    /// Name of the stiffness of the wall, in N/m.
     pub stiffness: &'static str,
-    /// Damping of the wall, N s/m.
+    /// Name of the damping of the wall, in N s/m.
     pub damping: &'static str,
-    /// Distance from the scene's start, counts.
+    /// Name of the distance from the scene's start, in counts.
     pub start_offset: &'static str,
 }
 
@@ -57,7 +57,7 @@ pub fn filter(scene: &NamedScene, asked_hz: Option<f64>) -> Result<VelocitySetti
     })
 }
 
-/// The filter of a scene whose only cutoff is in `[sweep]`.
+/// The filter of a scene that has its only cutoff in `[sweep]`; `None` for other scenes.
 pub fn only_of_sweep(scene: &scene::Scene) -> Option<VelocitySettings> {
     match (scene.velocity.settings(), scene.sweep.cutoffs_hz.as_slice()) {
         (None, [only]) => Some(scene.velocity.at(*only)),
@@ -65,7 +65,7 @@ pub fn only_of_sweep(scene: &scene::Scene) -> Option<VelocitySettings> {
     }
 }
 
-/// The scene's filters at these cutoffs. Empty if there are no cutoffs.
+/// The scene's filters at these cutoffs. The list is empty if there are no cutoffs.
 ///
 /// # Errors
 /// Cutoffs are given, but the estimator has no cutoff.
@@ -73,7 +73,7 @@ pub fn filters(scene: &NamedScene, cutoffs_hz: &[f64]) -> Result<Vec<VelocitySet
     cutoffs_hz.iter().map(|&cutoff_hz| filter(scene, Some(cutoff_hz))).collect()
 }
 
-/// The error if a cutoff is given for an estimator without a cutoff.
+/// The error for a cutoff that is given although the estimator has no cutoff.
 pub fn no_cutoff(scene: &NamedScene) -> Error {
     Error::Input(format!(
         "{}: the estimator {} has no cutoff; its parameters are keys of [velocity]",
@@ -82,7 +82,7 @@ pub fn no_cutoff(scene: &NamedScene) -> Error {
     ))
 }
 
-/// Refuses a start inside the wall, or an unrealistic distance.
+/// Refuses a start inside the wall, and a distance that is not realistic.
 ///
 /// # Errors
 /// The start is inside the wall or too far away.
@@ -118,7 +118,8 @@ pub fn check_wall(scene: &NamedScene, wall: &WallHit, names: Names) -> Result<()
         })
 }
 
-/// Refuses a B that the scene's walk does not reach, because K is read at this B. Messages call the B `option`.
+/// Refuses a B that the scene's walk does not reach, because K is read at this B. Error messages name the B with
+/// `option`.
 ///
 /// # Errors
 /// The walk does not reach the B.
@@ -133,7 +134,8 @@ pub fn check_read_off(
         .map_err(|error| Error::Input(scene.scene.units.text(&error)))
 }
 
-/// The requested hit, after its checks. The wall is `[K, B]`, or the first wall of the scene's walk.
+/// Checks the requested hit and returns it. The wall is `[K, B]` if it is given. Otherwise it is the first wall of the
+/// scene's walk.
 ///
 /// # Errors
 /// A value is out of range.
@@ -188,8 +190,8 @@ pub fn boundary(
     ))))
 }
 
-/// The linear loop of a scene with its linear elements. With `multirate` the loop has its real period and latency.
-/// Without `multirate` there is a force for every sample without latency, as in the paper's equations (3) to (5).
+/// The linear loop of a scene with its linear elements. If `multirate` is true, the loop has its real period and
+/// latency. Otherwise every sample gives a force without latency, as in the paper's equations (3) to (5).
 ///
 /// # Errors
 /// The estimator is not linear, has inputs in addition to the position, or has a tuning out of range.
@@ -216,15 +218,15 @@ pub fn linear_loop(
     Ok(of)
 }
 
-/// The walls of a grid, with numbers. K changes fastest, then B, then the filter.
+/// The walls of a grid. Each wall has a number. K changes fastest, then B, then the filter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Walls {
     pub filters: Vec<VelocitySettings>,
-    /// Dampings B, N s/m.
+    /// Dampings B of the walls, in N s/m.
     pub dampings: Vec<f64>,
-    /// Stiffnesses K of the walls, N/m.
+    /// Stiffnesses K of the walls, in N/m.
     pub stiffnesses: Vec<f64>,
-    /// Distance from the scene's start, counts.
+    /// Distance from the scene's start, in counts.
     pub start_offset_counts: f64,
 }
 
@@ -234,7 +236,7 @@ impl Walls {
         lengths.map(|length| length as u64).iter().product()
     }
 
-    /// The wall with this number, which is below [`count`](Self::count).
+    /// The wall with this number. The number must be below [`count`](Self::count).
     #[expect(clippy::cast_possible_truncation, reason = "remainders by lengths")]
     pub fn wall(&self, number: u64) -> WallHit {
         let (per_filter, per_damping) =

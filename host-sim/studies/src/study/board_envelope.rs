@@ -1,5 +1,5 @@
-//! The envelope of a board's device record. There is a sweep for every estimator, design and output period of the
-//! scene.
+//! Computes the envelope in a board's device record. It makes a sweep for every estimator, design and output period of
+//! the scene.
 
 use zwidth::{
     VelocitySettings,
@@ -19,16 +19,16 @@ use crate::{
     },
 };
 
-/// Walks per cutoff, as in a sweep.
+/// Number of walks per cutoff. A sweep has the same number.
 pub const REPEATS: u32 = 4;
 
-/// An estimator or a design, with an output period.
+/// A part of the envelope: an estimator or a design, with an output period.
 #[derive(Clone, Debug)]
 pub struct Part {
     pub estimator: EstimatorName,
-    /// Name and number of the design; `None` for an estimator.
+    /// Name and number of the design; `None` if the part is an estimator.
     pub design: Option<(String, u8)>,
-    /// Samples from output to output.
+    /// Number of samples from output to output.
     pub period: u32,
     /// The scene with this estimator or design, and this period.
     scene: Scene,
@@ -75,7 +75,7 @@ impl Part {
     }
 }
 
-/// Result of a part's sweep.
+/// The result of the sweep of one part.
 #[derive(Clone, Debug)]
 pub struct Found {
     pub part: Part,
@@ -84,7 +84,7 @@ pub struct Found {
 }
 
 impl Found {
-    /// The boundaries in the form of the core.
+    /// The boundaries in the form that the core uses.
     pub fn boundaries(&self) -> impl Iterator<Item = Boundary<'_>> {
         self.boundaries.iter().map(|(key, points)| Boundary { key: *key, points })
     }
@@ -94,7 +94,7 @@ impl Found {
     }
 }
 
-/// The device record of a scene, as in `cargo sim prepare`.
+/// The device record that `cargo sim prepare` makes for a scene.
 pub struct DeviceRecord {
     pub prepared: Prepared,
     /// The sweeps that give the envelope.
@@ -103,8 +103,8 @@ pub struct DeviceRecord {
 }
 
 impl DeviceRecord {
-    /// The record of a scene on a board, with the envelope of these parts. Without parts, the record has no
-    /// measurements. Calls `done` after each walk.
+    /// Makes the record of a scene on a board, with the envelope of these parts. If there are no parts, the record has
+    /// no measurements. Calls `done` after each walk.
     ///
     /// # Errors
     /// The scene does not fit the board, or `stop` was set. The scene is refused before the first walk.
@@ -123,7 +123,7 @@ impl DeviceRecord {
     }
 }
 
-/// The device on a board, with or without an envelope.
+/// Checks that the device fits a board, with or without an envelope. Returns the device as prepared for the board.
 ///
 /// # Errors
 /// [`Error::Input`]: the device does not fit the board.
@@ -152,7 +152,7 @@ pub fn with_first_estimator(named: &NamedScene) -> Result<NamedScene, Error> {
 }
 
 /// Sets the estimator of the scene. If the scene already has this estimator, the scene's settings do not change.
-/// Otherwise the estimator has its defaults.
+/// Otherwise the new estimator has its default settings.
 fn take(scene: &mut Scene, estimator: EstimatorName) {
     if scene.velocity.estimator() != estimator {
         scene.velocity = VelocityTable::from(estimator.defaults()).with_cutoff(None);
@@ -165,8 +165,8 @@ pub fn says_first(scene: &Scene) -> bool {
     scene.board.as_ref().is_some_and(said) || scene.velocity.cutoff_hz().is_some()
 }
 
-/// The initial settings. These settings have the design or the cutoff of the scene. If the scene has neither, the
-/// recommended cutoff is used. If no cutoff is recommended, the middle cutoff of the scene's list is used.
+/// The settings with which the board starts. They have the design or the cutoff of the scene. If the scene has neither,
+/// the recommended cutoff is used. If no cutoff is recommended either, the middle cutoff of the scene's list is used.
 ///
 /// # Errors
 /// [`Error::Input`]: the scene names no estimator of the board.
@@ -210,7 +210,8 @@ pub fn board_envelope(
         let mut boundaries = vec![];
         for envelope in envelopes(how, &prepared, &swept)? {
             let velocity = envelope.velocity;
-            // Without a design, the firmware only knows walls for the default values of further parameters.
+            // Unless a design is used, the firmware only knows walls for estimators whose further parameters have their
+            // defaults.
             if part.design.is_none() && !velocity.differs_by_tuning_only() {
                 continue;
             }

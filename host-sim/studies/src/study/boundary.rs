@@ -1,4 +1,4 @@
-//! The boundary of the stable walls at one cutoff. The core's walk finds this boundary hit by hit.
+//! The boundary of the stable walls at one cutoff. The core's walk finds it hit by hit.
 
 use std::borrow::Cow;
 
@@ -34,20 +34,20 @@ impl BoundaryPoint {
 pub struct Boundary {
     /// The points in ascending order of B.
     pub points: Vec<BoundaryPoint>,
-    /// Area below the boundary: the sum of K dB over the points, N^2 s/m^2.
+    /// Area below the boundary, in N^2 s/m^2. It is the sum of `K dB` over the points.
     pub area: f64,
     pub hits: u64,
-    /// The reason for the end of the walk; `None` if the first point is unstable.
+    /// The reason why the walk ended; `None` if the first point is unstable.
     pub ended: Option<Ended>,
 }
 
 impl Boundary {
-    /// Largest K, N/m; 0 for an empty boundary.
+    /// Largest K in N/m; 0 if the boundary is empty.
     pub fn stiffness_peak_n_per_m(&self) -> f64 {
         self.points.iter().map(|point| point.stiffness_n_per_m).fold(0.0, f64::max)
     }
 
-    /// Largest B with a stable K, N s/m; 0 for an empty boundary.
+    /// Largest B with a stable K, in N s/m; 0 if the boundary is empty.
     pub fn damping_max_n_s_per_m(&self) -> f64 {
         self.points.iter().map(|point| point.damping_n_s_per_m).fold(0.0, f64::max)
     }
@@ -81,7 +81,7 @@ impl std::ops::Deref for Boundaries {
 }
 
 impl Boundaries {
-    /// Area of each boundary, N^2 s/m^2.
+    /// Area of each boundary, in N^2 s/m^2.
     pub fn areas(&self) -> Vec<f64> {
         self.iter().map(|boundary| boundary.area).collect()
     }
@@ -90,7 +90,7 @@ impl Boundaries {
         Repeats::of(self.iter().map(|boundary| boundary.area))
     }
 
-    /// Mean area, N^2 s/m^2.
+    /// Mean area of the boundaries, in N^2 s/m^2.
     pub fn area(&self) -> f64 {
         self.repeats().mean
     }
@@ -99,32 +99,33 @@ impl Boundaries {
         self.iter().map(|boundary| boundary.hits).sum()
     }
 
-    /// Smallest and largest area, N^2 s/m^2.
+    /// Smallest and largest area of the boundaries, in N^2 s/m^2.
     pub fn area_range(&self) -> [f64; 2] {
         [f64::min, f64::max].map(|of| self.areas().into_iter().reduce(of).unwrap_or(0.0))
     }
 
-    /// Largest K of all boundaries, N/m.
+    /// Largest K that one of the boundaries has, in N/m.
     pub fn stiffness_peak_n_per_m(&self) -> f64 {
         self.stiffness_peaks_n_per_m().into_iter().fold(0.0, f64::max)
     }
 
-    /// Largest B of all boundaries, N s/m.
+    /// Largest B that one of the boundaries has, in N s/m.
     pub fn damping_max_n_s_per_m(&self) -> f64 {
         self.dampings_max_n_s_per_m().into_iter().fold(0.0, f64::max)
     }
 
-    /// Largest K of each boundary, N/m.
+    /// Largest K of each boundary, in N/m.
     pub fn stiffness_peaks_n_per_m(&self) -> Vec<f64> {
         self.iter().map(Boundary::stiffness_peak_n_per_m).collect()
     }
 
-    /// Largest B of each boundary, N s/m.
+    /// Largest B of each boundary, in N s/m.
     pub fn dampings_max_n_s_per_m(&self) -> Vec<f64> {
         self.iter().map(Boundary::damping_max_n_s_per_m).collect()
     }
 
-    /// K of each boundary at the B of the grid nearest to this B, N/m; 0 if a boundary ends before this B.
+    /// The K of each boundary in N/m, read at the B of the grid that is nearest to this B. It is 0 if a boundary ends
+    /// before this B.
     pub fn stiffnesses_at(&self, damping_n_s_per_m: f64) -> Vec<f64> {
         let of = |boundary: &Boundary| {
             let distance = |b: f64| (b - damping_n_s_per_m).abs();
@@ -137,7 +138,7 @@ impl Boundaries {
         self.iter().map(of).collect()
     }
 
-    /// Every point of several boundaries. The column `of` has the names of the boundaries.
+    /// A table with every point of several boundaries. The column `of` has the names of the boundaries.
     pub fn table<'a>(
         of: &str,
         named: impl IntoIterator<Item = (Cow<'static, str>, &'a Self)>,
@@ -163,13 +164,13 @@ impl Boundaries {
         table
     }
 
-    /// Number of boundaries that ended at a cap or went beyond a cap.
+    /// Number of boundaries whose walk ended at a cap or went beyond it.
     pub fn capped(&self) -> usize {
         self.iter().filter(|boundary| !matches!(boundary.ended, None | Some(Ended::Closed))).count()
     }
 }
 
-/// A walk in progress, and its boundary so far.
+/// A walk that is in progress, and the boundary that it has found so far.
 #[derive(Clone, Debug)]
 pub struct Progress {
     walk: Walk,
@@ -180,7 +181,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// A walk of the scene with this filter, before the first hit.
+    /// A walk of the scene with this filter. It is before its first hit.
     pub fn new(
         prepared: &PreparedScene,
         velocity: VelocitySettings,
@@ -205,7 +206,7 @@ impl Progress {
         self.walk
     }
 
-    /// K of the boundary's last point, steps, and the number of points.
+    /// K of the boundary's last point in steps, and the number of points. `None` if there is no point yet.
     pub(super) fn last_point(&self) -> Option<(i32, usize)> {
         self.last_stiffness.map(|stiffness| (stiffness, self.boundary.points.len()))
     }
@@ -221,7 +222,7 @@ impl Progress {
 
     /// Takes the verdict of [`hit`](Self::hit). At the end of the walk, returns the boundary, or the reason why there
     /// is no boundary. An unstable first point gives an empty boundary. A hit that leaves the core's range is unstable.
-    /// `touches` returns whether the handle reaches the wall in a hit.
+    /// `touches` says whether the handle reaches the wall in a hit.
     pub fn report(
         &mut self,
         verdict: Result<Verdict, HitError>,
@@ -230,7 +231,7 @@ impl Progress {
         let hit = self.hit();
         self.boundary.hits += 1;
         let verdict = match verdict {
-            // With an early verdict, the hit may end before the handle leaves the range. Both cases are unstable.
+            // A hit with an early verdict may end before the handle leaves the range. Both count as unstable.
             Err(HitError::OutOfRange(_)) => Verdict::Unstable,
             Err(error) => return Some(Err(error.into())),
             Ok(verdict) => verdict,

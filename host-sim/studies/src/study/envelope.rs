@@ -26,18 +26,18 @@ use crate::{
     },
 };
 
-/// Number of grid steps of the walk between two lines with hits.
+/// Hits are made on lines of the walk's grid. This is the number of grid steps from line to line.
 pub const STRIDE: i32 = 5;
 
 /// The stable interval of K at one B. The interval begins at K = 0 if the softest wall of the grid is stable. If no hit
 /// was stable, the highest K of the interval is 0.
 pub use zwidth::safety::envelope::Point as Interval;
 
-/// The envelope at one cutoff.
+/// The stable intervals at one cutoff, which the firmware may render without unlocking.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Envelope {
     pub velocity: VelocitySettings,
-    /// The intervals, B ascending.
+    /// The intervals, in ascending order of B.
     pub intervals: Vec<Interval>,
 }
 
@@ -48,7 +48,7 @@ pub fn rows(scene: &NamedScene, envelopes: &[Envelope]) -> String {
     let (latency, period) = (actuator.latency, actuator.period);
     let mut text = String::new();
     for Envelope { velocity, intervals } in envelopes {
-        // The firmware only knows walls for the default values of further parameters.
+        // The firmware only knows walls for estimators whose further parameters have their defaults.
         if !velocity.differs_by_tuning_only() {
             continue;
         }
@@ -72,7 +72,7 @@ pub fn rows(scene: &NamedScene, envelopes: &[Envelope]) -> String {
 pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,period_samples,damping_n_s_per_m,\
      stiffness_low_n_per_m,stiffness_high_n_per_m\n";
 
-/// The envelopes of all cutoffs of a sweep, on all threads of the current pool.
+/// Computes the envelopes of all cutoffs of a sweep. It uses all threads of the current pool.
 ///
 /// # Errors
 /// A setting is out of range, or `stop` was set.
@@ -127,7 +127,7 @@ pub fn envelopes(
     Ok(envelopes)
 }
 
-/// Hits with rising K at one B. The last hit is at the boundary.
+/// Walls at one B, with rising K. The last wall is at the boundary.
 struct Column {
     damping_n_s_per_m: f64,
     stiffnesses_n_per_m: Vec<f64>,
@@ -148,12 +148,12 @@ impl Column {
         Self { damping_n_s_per_m, stiffnesses_n_per_m }
     }
 
-    /// The longest run of stable hits, from one verdict per hit.
+    /// The longest run of stable hits. `verdicts` has one verdict per hit.
     fn longest(&self, verdicts: impl Iterator<Item = bool>) -> Interval {
         let damping_n_s_per_m = self.damping_n_s_per_m;
         let mut longest =
             Interval { damping_n_s_per_m, stiffness_low_n_per_m: 0.0, stiffness_high_n_per_m: 0.0 };
-        // Lowest K of the current run. The first run begins at K = 0, below the first line of the grid.
+        // Lowest K of the run of stable hits so far. The first run begins at K = 0, below the first line of the grid.
         let mut run_n_per_m = Some(0.0);
         for (&next, stable) in self.stiffnesses_n_per_m.iter().zip(verdicts) {
             if !stable {

@@ -9,9 +9,10 @@ use super::{
 };
 use crate::{error::Error, simulation::prepared::PreparedScene};
 
-/// Boundaries by scene, then by filter, from each of `starts` (counts from the scene's start). The result does not
-/// depend on the number of threads or on `engine`. Calls `done` after each walk. If the form of a filter differs from
-/// the scene's own filter, the filter runs without lanes.
+/// Walks every filter in every scene from each of `starts`, which are in counts from the scene's start. Returns the
+/// boundaries, ordered by scene, then by filter. The result does not depend on the number of threads or on `engine`.
+/// Calls `done` after each walk. If the form of a filter differs from the scene's own filter, the filter runs without
+/// lanes.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.

@@ -29,40 +29,40 @@ use crate::{
     },
 };
 
-/// Output periods for the boards' loops, samples.
+/// Output periods that are used for the boards' loops, in samples.
 pub const PERIODS: [u32; 4] = [10, 5, 2, 1];
-/// Bandwidth of the added amplifier, Hz.
+/// Bandwidth of the amplifier that is added, in Hz.
 pub const AMPLIFIER_HZ: f64 = 1000.0;
-/// The transmission: the handle's share of the device's mass, the frequency of both masses on the spring in Hz, and the
-/// damping ratio.
+/// Three values of the added transmission: the handle's share of the device's mass, the frequency at which both masses
+/// swing on the spring in Hz, and the damping ratio.
 pub const MODE: [f64; 3] = [0.24, 150.0, 0.03];
-/// Ratio of one step size to the next.
+/// A step size divided by the next smaller one.
 pub const FINER: f64 = 2.0;
-/// Smallest height and width of a boundary, in steps of K and of B.
+/// A boundary is resolved if it has at least this height in steps of K and this width in steps of B.
 pub const RESOLVED: [f64; 2] = [32.0, 24.0];
-/// Number of steps from 0 to the caps on the coarsest grid, for K and for B. The height of a boundary is some 200 to
-/// 500 times its width.
+/// Number of steps from 0 to the cap on the coarsest grid, first for K, then for B. The height of a boundary is some
+/// 200 to 500 times its width.
 const COARSEST: [f64; 2] = [200.0, 20.0];
-/// Number of step sizes. A walk may have a million steps.
+/// Number of step sizes that are tried. With the smallest, a walk may have a million steps.
 const SIZES: i32 = 13;
 
-/// A device in a loop.
+/// The device in one loop.
 #[derive(Clone, Debug)]
 pub struct Lever {
-    /// Name of the loop: the name of the scene or of a board.
+    /// Name of the loop. It is the name of the scene or of a board.
     pub of_loop: String,
     /// Added elements between the output and the handle.
     pub between: Between,
     pub scene: Scene,
 }
 
-/// Added elements between a loop's output and the handle.
+/// What is added between a loop's output and the handle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Between {
-    /// No added element.
+    /// Nothing is added.
     Nothing,
     Amplifier,
-    /// An amplifier and a handle on a transmission.
+    /// An amplifier is added, and the handle is on a transmission.
     Transmission,
 }
 
@@ -89,7 +89,7 @@ impl Between {
 #[derive(Clone, Debug)]
 pub struct LeverQuestion {
     pub levers: Vec<Lever>,
-    /// Limits for the RMS of the motion or for the sensation level.
+    /// Limits of a stable wall. A limit is for the RMS of the motion or for the sensation level.
     pub limits: Vec<Limit>,
     pub pushes: Vec<PushBy>,
     pub cutoffs_hz: Vec<f64>,
@@ -102,13 +102,13 @@ impl LeverQuestion {
         self.levers.len() * self.limits.len() * self.pushes.len()
     }
 
-    /// Number of walks with each step size, including the true velocity.
+    /// Number of walks that each step size needs, including those with the true velocity.
     pub fn walks(&self) -> usize {
         self.tasks() * (self.cutoffs_hz.len() + 1) * self.repeats as usize
     }
 }
 
-/// Boundaries, and the grid of their walks.
+/// Boundaries of several walks, and the grid of these walks.
 #[derive(Clone, Debug)]
 pub struct Walked {
     pub boundaries: Boundaries,
@@ -118,15 +118,15 @@ pub struct Walked {
 /// Results of one loop with one limit and push.
 #[derive(Clone, Debug)]
 pub struct LeverResult {
-    /// Index of the loop in the question.
+    /// Index of the loop in `levers` of the question.
     pub lever: usize,
     pub limit: Limit,
     pub push: PushBy,
-    /// Cutoffs in ascending order, Hz, each with its walks.
+    /// Cutoffs in Hz in ascending order, each with its walks.
     pub cutoffs: Vec<(f64, Walked)>,
-    /// Walks with the true velocity. Empty if an amplifier or a transmission is added.
+    /// Walks with the true velocity. There are none if an amplifier or a transmission is added.
     pub told: Walked,
-    /// Areas of the cutoffs, the ideal cutoff and its range.
+    /// Areas of all cutoffs, and the ideal cutoff with its range.
     pub sweep: SweepResult,
 }
 
@@ -137,7 +137,7 @@ impl LeverResult {
         self.cutoffs.iter().find(|(cutoff_hz, _)| *cutoff_hz == ideal).map(|(_, walked)| walked)
     }
 
-    /// Area at the ideal cutoff, N^2 s/m^2.
+    /// Mean area at the ideal cutoff, in N^2 s/m^2.
     pub fn area(&self) -> f64 {
         self.best().map_or(0.0, |walked| walked.boundaries.area())
     }
@@ -181,7 +181,7 @@ pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
     Ok(levers)
 }
 
-/// The mode of a handle on a transmission. The device has this mass.
+/// The mode of a device with this mass if its handle is on a transmission.
 fn transmission(mass_kg: f64) -> Mode {
     let [share, frequency_hz, ratio] = MODE;
     let handle_kg = share * mass_kg;
@@ -194,8 +194,8 @@ fn transmission(mass_kg: f64) -> Mode {
     }
 }
 
-/// Whether the loop accepts this cutoff. A loop with few samples accepts no cutoff near its rate. The walk reports
-/// other errors.
+/// Whether the loop accepts this cutoff. A loop with a low sample rate accepts no cutoff near this rate. Other errors
+/// of the settings are reported by the walk.
 pub(super) fn takes(scene: &Scene, cutoff_hz: f64) -> bool {
     let settings = scene.velocity.at(cutoff_hz);
     match settings.build(&scene.design()) {
@@ -204,7 +204,7 @@ pub(super) fn takes(scene: &Scene, cutoff_hz: f64) -> bool {
     }
 }
 
-/// The grid with this step size.
+/// The grid with this step size. The step sizes are numbered from the coarsest, 0.
 fn grid(own: &Walk, size: i32) -> Walk {
     let finer = FINER.powi(size);
     let [high, wide] = COARSEST;
@@ -214,7 +214,7 @@ fn grid(own: &Walk, size: i32) -> Walk {
 }
 
 impl Walked {
-    /// Number of further step sizes for a sufficient resolution; `None` if the resolution is sufficient.
+    /// Number of further step sizes that are needed to resolve the boundary; `None` if it is resolved.
     fn finer(&self) -> Option<i32> {
         let high = self.boundaries.stiffness_peak_n_per_m() / self.walk.stiffness_step_n_per_m;
         let wide = self.boundaries.damping_max_n_s_per_m() / self.walk.damping_step_n_s_per_m;
@@ -305,7 +305,7 @@ fn sweep_of(cutoffs: &[(f64, Walked)], scene: &Scene) -> SweepResult {
 }
 
 impl LeverResult {
-    /// Replaces results by results with smaller steps.
+    /// Replaces results by those of walks with smaller steps.
     fn take(&mut self, asked: &Question, LimitResult { result, told, .. }: LimitResult) {
         let walk = asked.walk;
         for CutoffResult { cutoff_hz, boundaries, .. } in result.cutoffs {
@@ -350,7 +350,7 @@ mod tests {
         assert!(kept.iter().all(|lever| lever.between != Between::Amplifier));
     }
 
-    /// The frequency of two masses on a spring is the root of the stiffness divided by their reduced mass.
+    /// Two masses on a spring swing at the root of the stiffness divided by their reduced mass.
     #[test]
     fn the_transmission_swings_at_its_frequency() {
         let mode = transmission(0.416);
@@ -396,7 +396,7 @@ mod tests {
         }
         let hz: Vec<f64> = found[0].cutoffs.iter().map(|(hz, _)| *hz).collect();
         assert_eq!(hz, [300.0, 1000.0]);
-        // A shorter latency gives more area, and a smaller limit gives less area.
+        // A shorter latency gives more area. A smaller limit gives less area.
         let area = |n: usize| found[n].area();
         assert!(area(1) > 10.0 * area(0) && area(2) < area(0) && area(3) < area(1));
         // Both engines give the same bits.

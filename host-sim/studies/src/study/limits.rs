@@ -1,5 +1,5 @@
-//! The limit as an axis: areas and ideal cutoffs for several limits of the RMS and of the sensation level. Areas and
-//! cutoffs are computed for each push and hand, and also with the true velocity.
+//! Computes areas and ideal cutoffs for several limits of a stable wall. A limit is for the RMS or for the sensation
+//! level. Areas and cutoffs are computed for each push and hand, and also with the true velocity.
 //!
 //! All walks of a scene at one cutoff and start share their hits, because the result of a hit serves every limit. A hit
 //! ends early if it is certainly beyond the largest limit.
@@ -28,14 +28,14 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// A limit of stability. A wall below the limit is stable.
+/// A limit that decides about stability. A wall is stable if it stays below the limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
-    /// Limit of the RMS, m.
+    /// Limit of the RMS, in m.
     Rms(f64),
-    /// Limit of the sensation level, dB.
+    /// Limit of the sensation level, in dB.
     Felt(f64),
-    /// Limit of the force's RMS, N, together with all other conditions of a [quiet](Criterion::Quiet) wall.
+    /// Limit of the force's RMS, in N. All other conditions of a [quiet](Criterion::Quiet) wall must hold too.
     Quiet(f64),
 }
 
@@ -76,13 +76,13 @@ impl Limit {
 pub struct Question {
     /// The limits, in any order.
     pub limits: Vec<Limit>,
-    /// Signal whose RMS is limited.
+    /// The signal whose RMS is limited.
     pub rms_of: RmsOf,
-    /// Velocity filters, in ascending order of the cutoff.
+    /// Velocity filters, in ascending order of their cutoff.
     pub filters: Vec<VelocitySettings>,
     pub repeats: u32,
     pub walk: Walk,
-    /// Pushes and hands. `None` means the values of the scene.
+    /// Combinations of a push and a hand. `None` for a hand means the scene's own.
     pub situations: Vec<Situation>,
     /// Whether the true velocity is walked too.
     pub told: bool,
@@ -95,33 +95,33 @@ impl Question {
     }
 }
 
-/// The push and the hand.
+/// A push and a hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Situation {
     pub push: PushBy,
-    /// A name of [`Scene::arms`]; `None` for the scene's own arm.
+    /// Name of an arm in [`Scene::arms`]; `None` for the scene's own arm.
     pub arm: Option<String>,
 }
 
 /// Results for one limit.
 #[derive(Clone, Debug)]
 pub struct LimitResult {
-    /// Push and hand; `None` for the worst of all situations.
+    /// The push and the hand; `None` for the worst of all situations.
     pub situation: Option<Situation>,
     pub limit: Limit,
-    /// Areas by cutoff, the ideal cutoff and its range.
+    /// Areas of all cutoffs, and the ideal cutoff with its range.
     pub result: SweepResult,
-    /// Boundaries with the true velocity; empty if not requested.
+    /// Boundaries with the true velocity; empty if they were not requested.
     pub told: Boundaries,
 }
 
 impl LimitResult {
-    /// Mean area with the true velocity, N^2 s/m^2.
+    /// Mean area with the true velocity, in N^2 s/m^2.
     pub fn told_area(&self) -> Option<f64> {
         (!self.told.is_empty()).then(|| self.told.area())
     }
 
-    /// Area at the ideal cutoff, N^2 s/m^2.
+    /// Mean area at the ideal cutoff, in N^2 s/m^2.
     pub fn area(&self) -> f64 {
         let ideal = self.result.ideal.map(|ideal| ideal.cutoff_hz);
         let mut cutoffs = self.result.cutoffs.iter();
@@ -130,13 +130,13 @@ impl LimitResult {
     }
 }
 
-/// Known results of a hit. `INFINITY` means beyond the largest limit.
+/// What is known about a hit. `INFINITY` means that the value is beyond the largest limit.
 #[derive(Clone, Copy, Debug, Default)]
 struct Known {
     no_contact: bool,
     rms_m: Option<f64>,
     level_db: Option<f64>,
-    /// Verdict for a quiet wall. A question has at most one limit for quiet walls.
+    /// Whether the wall is quiet. A question has at most one limit for quiet walls.
     quiet: Option<Verdict>,
 }
 
@@ -156,15 +156,15 @@ impl Known {
     }
 }
 
-/// Hits of one scene at one cutoff from one start, by cell.
+/// What is known about the hits of one scene, cutoff and start. The key is the cell of the hit.
 type Shared = Mutex<HashMap<(i32, i32), Known>>;
 
-/// Walks of one prepared scene: all its limits of one kind.
+/// The walks of one prepared scene, for all its limits of one kind.
 struct Field {
     prepared: PreparedScene,
     limits: Vec<Limit>,
     filters: Vec<VelocitySettings>,
-    /// Index of the shared hits of the first filter and start.
+    /// Index of the shared hits that belong to the first filter and the first start.
     shared: usize,
     begun: AtomicUsize,
 }
@@ -175,7 +175,7 @@ impl Field {
     }
 }
 
-/// A walk: its number, its limit, and the index of its shared hits.
+/// One walk: its number, its limit, and the index of its shared hits.
 #[derive(Clone, Copy)]
 struct Job {
     number: usize,
@@ -183,8 +183,8 @@ struct Job {
     shared: usize,
 }
 
-/// Makes all walks of the question on all threads of the current pool. The result does not depend on the number of
-/// threads or on `engine`. Calls `done` after each walk.
+/// Makes all walks of the question. It uses all threads of the current pool. The result does not depend on the number
+/// of threads or on `engine`. Calls `done` after each walk.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -196,7 +196,7 @@ pub fn limits(
 ) -> Result<Vec<LimitResult>, Error> {
     let (fields, hits) = fields(scene, question)?;
     let shared: Vec<Shared> = (0..hits).map(|_| Shared::default()).collect();
-    // Within a scene, limits of the sensation level come first, because their hits give all results.
+    // In each scene, the limits of the sensation level come first, because their hits give all other results too.
     let made = on_all_threads(fields.len(), |place, made| {
         let field = &fields[place];
         let mut work = Walks {
@@ -250,7 +250,7 @@ pub fn limits(
     Ok(results)
 }
 
-/// For each cutoff, the results of the situation with the smallest mean area.
+/// For each cutoff, takes the results of the situation in which the mean area is smallest.
 fn worst(results: &[LimitResult], limit: Limit) -> Option<LimitResult> {
     let of_limit = || results.iter().filter(move |result| result.limit == limit);
     let mut result = of_limit().next()?.clone();
@@ -269,8 +269,8 @@ fn worst(results: &[LimitResult], limit: Limit) -> Option<LimitResult> {
     Some(result)
 }
 
-/// The limits by kind. Limits of the sensation level come first. In each kind, the largest limit comes first. Later
-/// walks use the hits of earlier walks.
+/// The limits, sorted by kind. Limits of the sensation level come first. In each kind, the largest limit comes first.
+/// So later walks can use the hits of earlier walks.
 fn kinds(question: &Question) -> Vec<Vec<Limit>> {
     let of = |kind: Limit| {
         let mut limits: Vec<Limit> = question.limits.clone();
@@ -283,8 +283,8 @@ fn kinds(question: &Question) -> Vec<Vec<Limit>> {
     kinds.map(of).into_iter().filter(|limits| !limits.is_empty()).collect()
 }
 
-/// All fields, and the number of shared sets of hits. The fields are sorted by situation, then by velocity (estimate,
-/// then true velocity), then by kind of limit.
+/// All fields, and the number of sets of shared hits. The fields are sorted by situation, then by velocity, then by
+/// kind of limit. The estimate comes before the true velocity.
 fn fields(scene: &Scene, question: &Question) -> Result<(Vec<Field>, usize), Error> {
     let (mut fields, mut shared) = (vec![], 0);
     for situation in &question.situations {
@@ -315,7 +315,7 @@ fn fields(scene: &Scene, question: &Question) -> Result<(Vec<Field>, usize), Err
 }
 
 impl Situation {
-    /// The scene in this situation, with the question's grid.
+    /// The scene with this push and hand, and with the question's grid.
     fn of(&self, scene: &Scene, question: &Question) -> Result<Scene, Error> {
         let mut scene = scene.clone();
         scene.wall_hit.push_by = self.push;
@@ -360,8 +360,8 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Walks<'_, D> {
         shared.lock().unwrap_or_else(PoisonError::into_inner).get(&place).copied()
     }
 
-    /// Stores the result of a hit. A hit without measurements ended early. The RMS of this hit is beyond the largest
-    /// limit, and its sensation level is unknown. A hit with an error is beyond all limits.
+    /// Stores the result of a hit. A hit without measurements has ended early. Its RMS is beyond the largest limit, and
+    /// its sensation level is unknown. A hit with an error is beyond all limits.
     fn learn(&self, job: &Job, place: (i32, i32), outcome: &Result<Outcome, HitError>) {
         let beyond = Known {
             no_contact: false,

@@ -9,19 +9,19 @@ use crate::{
     scene::{Scene, Walk},
 };
 
-/// Divisor of the scene's step of K for the default grid. The divisor for the step of B is half of this number.
+/// The default grid has the scene's step of K divided by this number, and the step of B divided by half of it.
 const FINER: f64 = 4.0;
 
-/// A limit as given by the user.
+/// A limit as the user gives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LimitAsked {
-    /// Limit of the RMS, m.
+    /// A limit of the RMS, in m.
     Rms(f64),
-    /// The scene's limits of the sensation level.
+    /// The sensation level, with the limits of the scene.
     Felt,
-    /// A limit of the sensation level, dB. The threshold curve is shifted by this value.
+    /// A limit of the sensation level, in dB. The threshold curve is shifted by this value.
     FeltAt(f64),
-    /// A quiet wall, with the scene's limit of the force.
+    /// A quiet wall, with the limit of the force that the scene has.
     Quiet,
 }
 
@@ -45,7 +45,7 @@ impl LimitAsked {
         }
     }
 
-    /// The limit in a scene.
+    /// The limit with the values of a scene.
     pub fn of(self, scene: &Scene) -> Limit {
         match self {
             Self::Rms(limit_m) => Limit::Rms(limit_m),
@@ -67,7 +67,7 @@ impl fmt::Display for LimitAsked {
     }
 }
 
-/// The scene's walk with these steps and first values of K and B.
+/// The scene's walk, with these steps of K and B and these first values. `None` for the steps gives the default grid.
 pub fn finer(scene: &Scene, steps: Option<[f64; 2]>, starts: Option<[f64; 2]>) -> Walk {
     let own = &scene.walk;
     let default = [own.stiffness_step_n_per_m / FINER, own.damping_step_n_s_per_m / FINER * 2.0];
@@ -75,7 +75,7 @@ pub fn finer(scene: &Scene, steps: Option<[f64; 2]>, starts: Option<[f64; 2]>) -
     on_grid(own, starts.unwrap_or(steps), steps)
 }
 
-/// A walk from this K and B with these steps. The caps do not change.
+/// A walk that begins at this K and B and has these steps. The caps do not change.
 pub(super) fn on_grid(own: &Walk, [k, b]: [f64; 2], [k_step, b_step]: [f64; 2]) -> Walk {
     Walk {
         stiffness_start_n_per_m: k,
@@ -86,15 +86,15 @@ pub(super) fn on_grid(own: &Walk, [k, b]: [f64; 2], [k_step, b_step]: [f64; 2]) 
     }
 }
 
-/// Names of limits and steps in messages.
+/// Names that error messages use for limits and steps.
 #[derive(Clone, Copy, Debug)]
 pub struct Names {
     pub limits: &'static str,
-    /// Steps and first values of K and B.
+    /// Name of the steps and first values of K and B.
     pub steps: &'static str,
 }
 
-/// Checks every limit and the grid, before the first walk.
+/// Checks every limit and the grid before the first walk is made.
 ///
 /// # Errors
 /// The scene does not allow a limit or the grid.
@@ -110,7 +110,7 @@ pub fn check(scene: &Scene, limits: &[Limit], walk: Walk, names: Names) -> Resul
     Ok(())
 }
 
-/// Columns that describe the grid of the walks.
+/// Names of the columns that describe the grid of the walks.
 pub const GRID: [&str; 6] = [
     "stiffness_start_n_per_m",
     "stiffness_step_n_per_m",
@@ -120,7 +120,7 @@ pub const GRID: [&str; 6] = [
     "damping_max_tried_n_s_per_m",
 ];
 
-/// Values of these columns.
+/// Values of the columns [`GRID`] for a walk.
 pub fn grid(walk: &Walk) -> [f64; 6] {
     [
         walk.stiffness_start_n_per_m,

@@ -33,7 +33,7 @@ pub fn parse(text: &str) -> Result<List, String> {
     }
 }
 
-/// Number of typed digits after the point; `None` if there are too many for exact arithmetic.
+/// Number of digits that were typed after the point. `None` if there are too many for exact arithmetic.
 fn decimals(text: &str) -> Option<i32> {
     let (digits, exponent) = text.trim().split_once(['e', 'E']).unwrap_or((text.trim(), "0"));
     let places = digits.split_once('.').map_or(0, |(_, places)| places.len());
@@ -54,7 +54,8 @@ fn range(from: f64, step: f64, to: f64, places: Option<i32>) -> Result<List, Str
         return Err(format!("the list has {} values, allowed {VALUES_MAX}", steps + 1.0));
     }
     let indices = std::iter::successors(Some(0.0), |n| Some(n + 1.0));
-    // In units of the last typed digit, the sum is exact. Division by the unit gives exactly the number that was typed.
+    // In units of the last typed digit, the sum is exact. Dividing it by the unit gives exactly the number that a user
+    // would type.
     let unit = places.map(|places| 10f64.powi(places));
     let exact = |value: f64| value.abs() < 2f64.powi(53);
     let value = |n: f64| match unit.map(|unit| ((from * unit).round(), (step * unit).round(), unit))

@@ -5,7 +5,7 @@ use crate::{
     scene::{NamedScene, Scene},
 };
 
-/// The scene with the latency and the output stage of each board.
+/// For each board, its name and the scene with the board's latency and output stage.
 ///
 /// # Errors
 /// The scene is not allowed with a board's latency or output.

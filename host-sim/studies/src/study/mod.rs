@@ -30,12 +30,12 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Settings of all hits. Engine and number of threads do not change the result.
+/// How the hits of a study are run. Engine and number of threads do not change the result.
 #[derive(Clone, Copy, Debug)]
 pub struct How<'a> {
     pub engine: Engine,
     pub numeric: Numeric,
-    /// Set to end the study early.
+    /// Becomes true when the study must end early.
     pub stop: &'a AtomicBool,
 }
 

@@ -1,4 +1,4 @@
-//! Encoder rate and output rate as axes. The same device is walked in loops with other rates.
+//! Varies the encoder rate and the output rate. The same device is walked in loops with other rates.
 //!
 //! Each pair of rates is a loop, and is walked as in [`levers`](super::levers). The latency and the phases of the hit
 //! keep their duration at any sample rate. The estimator keeps its parameters, so a window of n samples becomes shorter
@@ -7,18 +7,18 @@
 use super::levers::{Between, Lever, takes};
 use crate::{error::Error, scene::NamedScene};
 
-/// The requested rates, Hz; empty for the scene's own rates.
+/// The requested rates in Hz. A list is empty if the scene's own rates are used.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rates {
-    /// Sample rates of the encoder.
+    /// Sample rates of the encoder, in Hz.
     pub encoder_hz: Vec<f64>,
     pub output_hz: Vec<f64>,
 }
 
-/// Tolerance for a whole-number ratio of two rates.
+/// The ratio of two rates counts as a whole number within this tolerance.
 const WHOLE: f64 = 1e-6;
 
-/// Samples from output to output, if the ratio is a whole number.
+/// Number of samples from output to output; `None` if the ratio of the rates is not a whole number.
 fn period(encoder_hz: f64, output_hz: f64) -> Option<u32> {
     let ratio = encoder_hz / output_hz;
     let whole = ratio.round();
@@ -32,7 +32,7 @@ fn period(encoder_hz: f64, output_hz: f64) -> Option<u32> {
 }
 
 impl Rates {
-    /// The loops, by encoder rate, then by output rate.
+    /// The loops for these rates, ordered by encoder rate, then by output rate.
     ///
     /// # Errors
     /// A rate has no whole-number ratio to any other rate, or the scene does not allow it.

@@ -1,9 +1,9 @@
 //! Recommends the cutoff with the largest area of [quiet](Criterion::Quiet) walls.
 //!
 //! First a list of cutoffs is walked. Then cutoffs between the best cutoff and its neighbours are walked, until the
-//! neighbours are within 10 %. If the best cutoff is at an end of the list, the list is extended. The first walks use
-//! the scene's grid. If the steps of this grid are too coarse or too fine for the quiet walls, the first walks give a
-//! new grid.
+//! neighbours are within 10 %. If the best cutoff is at an end of the list, cutoffs beyond this end are added. The
+//! first walks use the scene's grid. If the steps of this grid are too coarse or too fine for the quiet walls, the
+//! first walks give a new grid.
 
 use rayon::prelude::*;
 use zwidth::{VelocitySettings, experiment::Verdict, velocity::EstimatorName};
@@ -24,55 +24,57 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// Areas count as equally good from this share of the largest area on.
+/// Areas count as equally good if they are at least this share of the largest area.
 pub const AS_GOOD: f64 = 0.97;
-/// Largest ratio of the best cutoff to its neighbours.
+/// The search ends when the ratio of the best cutoff to its neighbours is at most this value.
 const NEAR: f64 = 1.1;
-/// Ratio of the steps that extend a list.
+/// Beyond the ends of a list, each new cutoff differs from the one before by this factor.
 const BEYOND: f64 = 1.25;
-/// Largest number of times that cutoffs are added to the list.
+/// Cutoffs are added to the list at most this many times.
 const TRIES: usize = 12;
-/// Smallest and largest number of steps of a boundary, for K up to its peak and for B.
+/// Smallest and largest number of steps that a boundary should have. The first pair is for K up to its peak, the second
+/// is for B.
 const STEPS: [[f64; 2]; 2] = [[24.0, 400.0], [16.0, 240.0]];
-/// Largest number of times that the grid is changed.
+/// The grid is changed at most this many times.
 const GRIDS: usize = 8;
-/// Number of steps of K and of B that a new grid aims at.
+/// A new grid is made so that a boundary has about this number of steps of K and of B.
 const AIM: [f64; 2] = [48.0, 32.0];
-/// Largest refinement of the next grid. A boundary with few steps gives little information about its size.
+/// The next grid is finer by at most this factor. A boundary with few steps gives little information about its size.
 const FINER: f64 = 8.0;
-/// If a grid has no stable wall, single walls are tried, at this number of values of K and of B. The first values are
-/// the largest that the walk allows.
+/// If a grid has no stable wall, single walls are tried. They have this number of values of K and of B. The first
+/// values are the largest that the walk allows.
 const TRIED: [u32; 2] = [17, 13];
-/// Ratio of each of these values to the value before.
+/// Each of these values is the value before times this factor.
 const APART: f64 = 0.562;
 /// If a neighbour of the best cutoff has less than this share of the best area, the walk of this neighbour has ended
 /// too early.
 const BROKEN: f64 = 0.5;
-/// If a walk has ended too early, the grid may begin at another wall this number of times.
+/// If a walk has ended too early, the grid may begin at another wall. This happens at most this many times.
 const SEEDS: usize = 3;
-/// Smallest share of the best area for a cutoff to be examined.
+/// A cutoff is only examined if its area is at least this share of the best area.
 const PROMISING: f64 = 0.3;
 
-/// All walks, and their result.
+/// All walks of a search for the recommended cutoff, with the result of the search.
 #[derive(Clone, Debug)]
 pub struct QuietStudy {
     pub walk: Walk,
-    /// The cutoffs in ascending order. Each cutoff has one walk for all pushes.
+    /// The results of the cutoffs in ascending order. Each cutoff has one walk for all pushes.
     pub cutoffs: Vec<CutoffResult>,
     /// The recommended cutoff, or the reason why no cutoff is recommended.
     pub recommended: Result<Recommended, String>,
-    /// Free motion with the stiffest wall of the recommended cutoff.
+    /// Free motion at the recommended cutoff, with the stiffest quiet wall set. `None` if no cutoff is recommended.
     pub free: Option<FreeMotion>,
-    /// The stiffest quiet wall by each protocol other than the scene's own protocol.
+    /// The stiffest quiet wall by each protocol. The scene's own protocol is left out.
     pub protocols: Vec<Held>,
 }
 
-/// Quiet walls by another protocol.
+/// The stiffest wall that is quiet by another protocol.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Held {
     pub protocol: Protocol,
-    /// K of the stiffest quiet wall with the B of the given wall, N/m. Softer and softer walls are tried until one wall
-    /// is quiet. `Ok(None)` if no wall is quiet. `Err` with the reason if no wall can be tried.
+    /// K of the stiffest quiet wall, in N/m. Its B is that of the given wall. Softer and softer walls are tried until
+    /// one wall is quiet. The result is `Ok(None)` if no wall is quiet. It is `Err` with the reason if no wall can be
+    /// tried.
     pub stiffest: Result<Option<f64>, String>,
 }
 
@@ -82,9 +84,9 @@ impl Held {
     }
 }
 
-/// Ratio of the K of each tried wall to the K of the wall before.
+/// Each wall that is tried has this many times the K of the wall before.
 const SOFTER: f64 = 0.9;
-/// Largest number of tried walls.
+/// At most this number of walls is tried.
 const SOFTER_TRIES: i32 = 30;
 
 impl Held {
@@ -125,37 +127,38 @@ impl QuietStudy {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recommended {
-    /// Nominal cutoff of the filter, Hz.
+    /// Nominal cutoff of the filter, in Hz.
     pub cutoff_hz: f64,
-    /// Lowest and highest neighbouring cutoff with at least [`AS_GOOD`] of the area at this cutoff, Hz.
+    /// Lowest and highest cutoff of the range around this cutoff, in Hz. All cutoffs in the range have at least
+    /// [`AS_GOOD`] times the area at this cutoff.
     pub range_hz: [f64; 2],
-    /// Whether the range reaches the first or the last tried cutoff.
+    /// Whether the range reaches the first cutoff that was tried, and whether it reaches the last one.
     pub is_open: [bool; 2],
     /// The stiffest quiet wall.
     pub stiffest: BoundaryPoint,
-    /// Largest B of a quiet wall, N s/m.
+    /// Largest B of a quiet wall, in N s/m.
     pub damping_max_n_s_per_m: f64,
-    /// Area of the quiet walls, N^2 s/m^2.
+    /// Area of the quiet walls, in N^2 s/m^2.
     pub area: f64,
-    /// Whether a cap of the walk cuts the area.
+    /// Whether a cap of the walk cuts off a part of the area.
     pub is_cut: bool,
 }
 
-/// Free motion, the lower end of the Z-width.
+/// What the hand feels in free motion. It is the lower end of the Z-width.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct FreeMotion {
-    /// Mass of device and handle, kg.
+    /// Mass of device and handle, in kg.
     pub mass_kg: f64,
-    /// Viscous damping, N s/m.
+    /// Viscous damping, in N s/m.
     pub damping_n_s_per_m: f64,
-    /// Dry friction while sliding, N.
+    /// Dry friction while the handle slides, in N.
     pub friction_n: f64,
-    /// RMS of the output around its mean while the handle rests far from the wall, N.
+    /// RMS of the output around its mean, in N. The handle rests far from the wall.
     pub hum_n: f64,
 }
 
 impl FreeMotion {
-    /// Free motion in a scene with this wall. The handle rests far from the wall.
+    /// Measures the free motion in a scene with this wall. The handle rests far from the wall.
     ///
     /// # Errors
     /// The handle leaves the core's range without a push.
@@ -174,8 +177,8 @@ impl FreeMotion {
     }
 }
 
-/// Finds the recommended cutoff, beginning with a list. With `goes_on`, the search continues beyond the ends of the
-/// list. Calls `done` after each walk.
+/// Finds the recommended cutoff, beginning with a list. If `goes_on` is true, the search continues beyond the ends of
+/// the list. Calls `done` after each walk.
 ///
 /// # Errors
 /// `stop` was set, or an unexpected error.
@@ -205,17 +208,17 @@ pub fn recommended(
     })
 }
 
-/// A scene that ranks estimators, filters and changes.
+/// A scene whose criterion ranks estimators, filters and changes of the device.
 #[derive(Clone, Debug)]
 pub struct Ranked {
     pub scene: NamedScene,
-    /// The unchanged scene, for comparison. Only for a ranking by [`Quiet`](Criterion::Quiet), if the scene has another
-    /// criterion.
+    /// The unchanged scene, for comparison. It is `None` unless the ranking is by [`Quiet`](Criterion::Quiet) and the
+    /// scene has another criterion.
     pub beside: Option<Scene>,
 }
 
-/// The scene for a ranking by a criterion. For [`Quiet`](Criterion::Quiet) the grid suits the quiet walls of finite
-/// difference and Butterworth at the cutoffs of `[sweep]`. For other criteria the scene's own grid is used.
+/// Prepares a scene for a ranking by a criterion. For [`Quiet`](Criterion::Quiet) the grid suits the quiet walls of
+/// finite difference and Butterworth at the cutoffs of `[sweep]`. For other criteria the scene's own grid is used.
 ///
 /// # Errors
 /// There is no quiet wall, the scene does not allow the criterion, or `stop` was set.
@@ -301,7 +304,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(())
     }
 
-    /// Walks again with other grids, until the grid suits the walls.
+    /// Walks again with other grids until the grid is fine enough and not too fine for the walls.
     fn fit_grid(&mut self, cutoffs_hz: &[f64]) -> Result<(), Error> {
         for _ in 0..GRIDS {
             let walk = self.scene.scene.walk;
@@ -365,7 +368,8 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(true)
     }
 
-    /// A grid that begins at a single wall that was tried. The wall is quiet at as many promising cutoffs as possible.
+    /// Makes a grid that begins at a single wall. Several walls are tried. The grid begins at one that is quiet at the
+    /// most promising cutoffs. `None` if none is quiet.
     fn first_walls(&self, cutoffs_hz: &[f64]) -> Result<Option<Walk>, Error> {
         let (prepared, scene) = (prepare(&self.scene)?, &self.scene.scene);
         let caps = scene.walk_plan();
@@ -414,7 +418,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
             .filter(|at| area(at) > 0.0)
     }
 
-    /// Further cutoffs near the best cutoff, between this cutoff and its neighbours or beyond the list.
+    /// Further cutoffs to try. They lie between the best cutoff and its neighbours, or beyond the list.
     fn more(&self, goes_on: bool) -> Vec<f64> {
         let Some(best) = self.best() else { return vec![] };
         let hz = |place: usize| self.cutoffs.get(place).map(|result| result.cutoff_hz);
@@ -463,7 +467,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
     }
 }
 
-/// The middle of two cutoffs; `None` if their ratio is within [`NEAR`].
+/// A cutoff in the middle of two others; `None` if their ratio is within [`NEAR`].
 fn between(one_hz: f64, other_hz: f64) -> Option<f64> {
     let (low, high) = (one_hz.min(other_hz), one_hz.max(other_hz));
     let half = tidy(libm::sqrt(low * high));
@@ -475,7 +479,7 @@ fn tidy(hz: f64) -> f64 {
     rounded(hz, 2)
 }
 
-/// The nearest of 1, 2 and 5 times a power of ten.
+/// Rounds to 1, 2 or 5 times a power of ten, whichever is nearest.
 fn round(step: f64) -> f64 {
     let power = libm::pow(10.0, libm::floor(libm::log10(step)));
     let whole = step / power;

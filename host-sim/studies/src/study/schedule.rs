@@ -1,4 +1,5 @@
-//! Long work on all threads. The longest parts begin first, so that no thread waits for them at the end.
+//! Runs long work on all threads. The longest parts begin first, so that the other threads do not wait for them at the
+//! end.
 
 use std::{
     cmp::Reverse,
@@ -7,19 +8,19 @@ use std::{
 
 use rayon::prelude::*;
 
-/// Approximate duration of a search.
+/// How long a search takes, approximately.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Length {
-    /// One parameter, in lanes.
+    /// The search is for one parameter. Its hits run in lanes.
     Short,
-    /// Several parameters or estimators, in lanes.
+    /// The search is for several parameters or several estimators. Its hits run in lanes.
     Long,
-    /// Any estimator without lanes. Hits of this estimator run one by one.
+    /// The estimator cannot run in lanes, so its hits run one by one.
     Longest,
 }
 
-/// Makes a result for each of `lengths` on all threads of the current pool. The longest pieces of work begin first. The
-/// results have the order of `lengths`.
+/// Calls `make` with the index of each of `lengths`, on all threads of the current pool. The longest pieces of work
+/// begin first. The results have the order of `lengths`.
 pub fn longest_first<T: Send>(lengths: &[Length], make: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let mut order: Vec<usize> = (0..lengths.len()).collect();
     order.sort_by_key(|n| Reverse(lengths[*n]));

@@ -1,4 +1,4 @@
-//! Sensitivity of the ideal cutoff to the assumptions of a study.
+//! Shows how much the ideal cutoff depends on the assumptions of a study.
 //!
 //! The ideal cutoff does not depend on the device alone. The ideal cutoff also depends on five assumptions: the RMS
 //! limit, whether the wall may pull, the latency, the output rate, and the impact speed. Each variant changes one
@@ -10,12 +10,12 @@ use crate::{
     simulation::prepared::PreparedScene,
 };
 
-/// A scene with one assumption changed.
+/// A scene in which one assumption is changed.
 #[derive(Clone, Debug)]
 pub struct Variant {
-    /// Short name, for files.
+    /// Short name, used in files.
     pub name: String,
-    /// Description of the change, for people.
+    /// Description of the change for a reader.
     pub change: String,
     pub prepared: PreparedScene,
 }

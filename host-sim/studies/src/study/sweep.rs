@@ -23,17 +23,17 @@ use crate::{
     },
 };
 
-/// All boundaries at one cutoff.
+/// The results of all walks at one cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CutoffResult {
     pub velocity: VelocitySettings,
-    /// Nominal cutoff of the filter, Hz.
+    /// Nominal cutoff of the filter, in Hz.
     pub cutoff_hz: f64,
-    /// -3 dB frequency of the digital filter, Hz.
+    /// Frequency at which the digital filter has -3 dB, in Hz.
     pub true_cutoff_hz: f64,
-    /// One boundary per repeat. The first is from the scene's own start.
+    /// Boundaries of the repeated walks. The first is from the scene's own start.
     pub boundaries: Boundaries,
-    /// Settle time after which the first point is stable, s. This time is only computed if no walk has a stable first
+    /// Settle time in s with which the first point would be stable. It is only computed if no walk has a stable first
     /// point. `None` if no settle time helps.
     pub settles_in_s: Option<f64>,
 }
@@ -48,21 +48,23 @@ pub struct SweepResult {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ideal {
-    /// The smallest cutoff whose mean area is at least 98 % of the largest mean area, Hz.
+    /// The ideal cutoff in Hz: the smallest one whose mean area is at least 98 % of the largest mean area.
     pub cutoff_hz: f64,
-    /// Lowest and highest cutoff for which the repeats do not show an area below 98 % of the largest area, Hz.
+    /// Lowest and highest cutoff of the range in Hz. For the cutoffs in the range, the repeats do not show that the
+    /// area is below 98 % of the largest area.
     pub range_hz: [f64; 2],
-    /// Test that gave the range.
+    /// The test that has given the range.
     pub basis: RangeBasis,
 }
 
-/// Test that gives the range of the ideal cutoff.
+/// The test that gives the range of the ideal cutoff.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RangeBasis {
-    /// Welch's t-test (one-sided at [`LEVEL`]) does not show that the mean area is below 98 % of the largest mean area.
-    /// With more repeats the range becomes narrower, until all its cutoffs have at least 98 % of the largest area.
+    /// In the range, Welch's t-test (one-sided at [`LEVEL`]) does not show that the mean area is below 98 % of the
+    /// largest mean area. With more repeats the range becomes narrower, until all its cutoffs have at least 98 % of the
+    /// largest area.
     Repeats,
-    /// Without repeats, the area itself is at least 98 % of the largest area.
+    /// There are no repeats. In the range, the area itself is at least 98 % of the largest area.
     WithinTwoPercent,
 }
 
@@ -78,19 +80,19 @@ impl RangeBasis {
 /// If the ratio of neighbouring cutoffs is above this value, the cutoffs are too far apart.
 const COARSE: f64 = 1.3;
 
-/// The walks of a study.
+/// A scene and the filters with which a sweep walks it.
 #[derive(Clone, Debug)]
 pub struct Plan<'a> {
     /// Name in error messages.
     pub name: &'a str,
     pub prepared: &'a PreparedScene,
-    /// Velocity filters, in ascending order of the cutoff.
+    /// Velocity filters, in ascending order of their cutoff.
     pub filters: &'a [VelocitySettings],
 }
 
-/// Makes several studies together, on all threads of the current pool. Every filter of every plan has `repeats` walks,
-/// one or more. Calls `done` after each walk, from any thread. The result does not depend on the number of threads or
-/// on `engine`.
+/// Makes several sweeps together. It uses all threads of the current pool. Every filter of every plan has `repeats`
+/// walks, one or more. Calls `done` after each walk, from any thread. The result does not depend on the number of
+/// threads or on `engine`.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -113,7 +115,7 @@ pub fn sweep(
             let boundaries =
                 made.by_ref().take(repeats as usize).collect::<Result<Boundaries, _>>()?;
             let unstable = boundaries.iter().all(|boundary| boundary.ended.is_none());
-            // A study of quiet walls searches another first point itself.
+            // A study of quiet walls finds another first point itself, so it needs no settle time.
             let settles_in_s = match unstable && criterion != Criterion::Quiet {
                 true => settles_in_s(plan.prepared, numeric, &first_hit(plan.prepared, velocity)),
                 false => None,
@@ -126,12 +128,12 @@ pub fn sweep(
     .collect()
 }
 
-/// Start of a repeat: `repeat / repeats` of a count from the scene's start.
+/// Start of a repeat, in counts from the scene's start. It is `repeat / repeats`, so all starts lie within one count.
 pub fn start_offset_counts(repeat: u32, repeats: u32) -> f64 {
     f64::from(repeat) / f64::from(repeats)
 }
 
-/// Starts of all repeats.
+/// Starts of all repeats, in counts from the scene's start.
 pub fn starts(repeats: u32) -> Vec<f64> {
     (0..repeats).map(|repeat| start_offset_counts(repeat, repeats)).collect()
 }
@@ -144,8 +146,8 @@ pub fn ascending(cutoffs_hz: &[f64]) -> Vec<f64> {
     sorted
 }
 
-/// The scene's filters at these cutoffs, ascending and without repetition. If the filter has no cutoff, the list has
-/// only this filter.
+/// The scene's filters at these cutoffs. They are in ascending order and without repetition. If the filter has no
+/// cutoff, the list has only this filter.
 pub fn filters(velocity: &VelocityTable, cutoffs_hz: &[f64]) -> Vec<VelocitySettings> {
     match velocity.has_cutoff() {
         true => ascending(cutoffs_hz).into_iter().map(|hz| velocity.at(hz)).collect(),
@@ -154,7 +156,7 @@ pub fn filters(velocity: &VelocityTable, cutoffs_hz: &[f64]) -> Vec<VelocitySett
 }
 
 impl CutoffResult {
-    /// The result of walks without settle time.
+    /// The result of walks at one cutoff. The settle time is left out.
     pub(super) fn of(velocity: VelocitySettings, rate_hz: f64, boundaries: Boundaries) -> Self {
         let cutoff_hz = velocity.cutoff_hz().unwrap_or_default();
         let true_cutoff_hz = velocity.true_cutoff_hz(rate_hz).unwrap_or_default();
@@ -182,7 +184,7 @@ fn ideal(cutoffs: &[CutoffResult]) -> Option<Ideal> {
 }
 
 impl SweepResult {
-    /// The result of these cutoffs, which are in ascending order.
+    /// The result of a sweep over these cutoffs. They must be in ascending order.
     pub fn of(cutoffs: Vec<CutoffResult>) -> Self {
         let ideal = ideal(&cutoffs);
         Self { cutoffs, ideal }
@@ -198,7 +200,7 @@ impl SweepResult {
         ideal.range_hz[0] == first.cutoff_hz || ideal.range_hz[1] == last.cutoff_hz
     }
 
-    /// A note if a cap cuts areas in the ideal range.
+    /// A note for the reader if a cap cuts off a part of areas in the ideal range.
     fn cut_range(&self) -> Option<String> {
         let [low, high] = self.ideal?.range_hz;
         let within = |result: &&CutoffResult| (low..=high).contains(&result.cutoff_hz);
@@ -217,7 +219,7 @@ impl SweepResult {
         })
     }
 
-    /// A note if the cutoffs next to the ideal range are far from this range.
+    /// A note for the reader if the next cutoffs outside the ideal range are far from it.
     fn coarse_range(&self) -> Option<String> {
         let [low, high] = self.ideal?.range_hz;
         let cutoffs = self.cutoffs.iter().map(|result| result.cutoff_hz);
@@ -234,7 +236,7 @@ impl SweepResult {
         Some(format!("the cutoffs that were tried are far apart: the ideal range may {ends}"))
     }
 
-    /// Notes for the reader, one sentence each.
+    /// Notes that explain the result to a reader. Each note is one sentence.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = vec![];
         for result in &self.cutoffs {
@@ -288,7 +290,7 @@ mod tests {
         CutoffResult::of(VelocitySettings::ButterworthPrewarped { cutoff_hz }, 1e4, boundaries)
     }
 
-    /// Areas with this mean, spread evenly over +-1 %.
+    /// Areas with this mean. They are spread evenly over +-1 %.
     fn spread(mean: f64, repeats: u32) -> Vec<f64> {
         let place = |n: u32| f64::from(2 * n + 1) / f64::from(repeats) - 1.0;
         (0..repeats).map(|n| mean * (1.0 + 0.01 * place(n))).collect()

@@ -34,7 +34,7 @@ pub fn walk(
     found
 }
 
-/// Like [`walk`], but a function of the caller makes each hit.
+/// Walks as [`walk`] does. But the caller's function `verdict` makes each hit and judges it.
 ///
 /// # Errors
 /// An error of [`walk`].
@@ -62,7 +62,7 @@ pub fn first_hit(prepared: &PreparedScene, velocity: VelocitySettings) -> WallHi
     Progress::new(prepared, velocity, 0.0).hit()
 }
 
-/// A longer settle time, s, with which an unstable wall counts as stable, because the handle has more time to come to
+/// A longer settle time in s with which an unstable wall counts as stable. The handle then has more time to come to
 /// rest. `None` if more time does not help.
 pub fn settles_in_s(prepared: &PreparedScene, numeric: Numeric, hit: &WallHit) -> Option<f64> {
     let mut scene = prepared.scene().clone();
@@ -78,7 +78,8 @@ pub fn settles_in_s(prepared: &PreparedScene, numeric: Numeric, hit: &WallHit) -
     })
 }
 
-/// Tried extensions, in multiples of settle time plus window. If no extension helps, the wall is unstable.
+/// Extensions of the settle time that are tried, in multiples of settle time plus window. If no extension helps, the
+/// wall is unstable.
 const SETTLE_LONGER: [f64; 3] = [1.0, 3.0, 10.0];
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
-//! Many walks in the lanes of one thread. A lane runs the next hit of a waiting walk. If no walk waits, the lane begins
-//! another walk. If all walks have begun, the lane runs a hit that a walk may need later ([`super::ahead`]).
+//! Makes many walks in the lanes of one thread. A lane runs the next hit of a waiting walk. If no walk waits, the lane
+//! begins another walk. If all walks have begun, the lane runs a hit that a walk may need later ([`super::ahead`]).
 
 use std::{
     collections::BTreeMap,
@@ -24,11 +24,11 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
     pub velocity: VelocitySettings,
-    /// Distance from the scene's start, counts.
+    /// Distance from the scene's start, in counts.
     pub start_offset_counts: f64,
 }
 
-/// Walks of one scene that wait for a lane. All threads share this queue.
+/// The walks of one scene. They wait for a lane. All threads share this queue.
 pub struct Queue<'a> {
     pub prepared: &'a PreparedScene,
     pub starts: &'a [Start],
@@ -41,8 +41,8 @@ impl<'a> Queue<'a> {
         Self { prepared, starts, begun: AtomicUsize::new(0) }
     }
 
-    /// The next walk, from the end of the queue. The last walk has the highest cutoff and takes longest. If this long
-    /// walk began late, lanes would be empty at the end.
+    /// Takes the next walk from the end of the queue. The last walk has the highest cutoff and takes longest. If it
+    /// began late, the other lanes would be empty at the end.
     fn next(&self) -> Option<usize> {
         let begun = self.begun.fetch_add(1, Ordering::Relaxed);
         self.starts.len().checked_sub(begun + 1)
@@ -63,7 +63,7 @@ pub fn walks(
     run(engine, queue.prepared, numeric, Depth::Verdict, &mut work);
 }
 
-/// Results. Each result has two indices: the index of the queue, and the index of the walk in this queue.
+/// Results of walks. Each result has two indices: that of the queue, and that of the walk in the queue.
 pub(super) type Made = Vec<((usize, usize), Result<Boundary, Error>)>;
 
 /// Calls `work` for all queues on each thread of the current pool. Each thread begins with another queue, so that fewer
@@ -85,8 +85,8 @@ pub(super) fn on_all_threads(
     made.into_iter().collect()
 }
 
-/// Makes the walks of several scenes on all threads of the current pool. The results are in order, and do not depend on
-/// the number of threads or on the engine. Calls `done` after each walk.
+/// Makes the walks of several scenes. It uses all threads of the current pool. The results are in order, and do not
+/// depend on the number of threads or on the engine. Calls `done` after each walk.
 ///
 /// # Errors
 /// `stop` was set.
@@ -111,7 +111,7 @@ pub(super) fn all_walks(
     Ok(scenes.iter().map(|(_, starts)| starts.iter().map(|_| next()).collect()).collect())
 }
 
-/// The walks of each filter from each start.
+/// The starts of walks: each filter with each start.
 pub(super) fn each(filters: &[VelocitySettings], starts: &[f64]) -> Vec<Start> {
     let of_filter = |&velocity: &VelocitySettings| {
         starts.iter().map(move |&start_offset_counts| Start { velocity, start_offset_counts })
@@ -123,17 +123,17 @@ struct Walks<'a, D> {
     queue: &'a Queue<'a>,
     numeric: Numeric,
     stop: &'a AtomicBool,
-    /// Running walks by their index in the queue.
+    /// Walks that have begun. The key is the walk's index in the queue.
     running: BTreeMap<usize, Running>,
-    /// The walk and the cell of each lane.
+    /// For each lane, the walk and the cell that run in it; `None` for a free lane.
     lanes: Vec<Option<(usize, Cell)>>,
-    /// The boundary of the walk that ended last in these lanes.
+    /// Boundary of the walk that was the last one to end in these lanes.
     last: Guide,
     done: D,
 }
 
 impl<D: FnMut(usize, Result<Boundary, Error>)> Walks<'_, D> {
-    /// The next walk and cell for a free lane.
+    /// Chooses the walk and the cell that a free lane runs next.
     fn choose(&mut self) -> Option<(usize, Cell)> {
         let waits = |(number, walk): (&usize, &Running)| {
             let cell = walk.progress.walk().cell();
@@ -182,7 +182,7 @@ impl<D: FnMut(usize, Result<Boundary, Error>)> Work for Walks<'_, D> {
 
     fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
         let Some((number, cell)) = self.lanes.get_mut(lane).and_then(Option::take) else { return };
-        // A finished walk needs no more verdicts.
+        // A walk that has ended needs no more verdicts.
         let Some(walk) = self.running.get_mut(&number) else { return };
         walk.running.retain(|other| *other != cell);
         walk.known.insert(place(cell), outcome.map(|outcome| outcome.verdict));

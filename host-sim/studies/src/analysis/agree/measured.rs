@@ -15,15 +15,15 @@ use crate::{
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
-    /// Nominal cutoff, Hz; 0 for an estimator without a cutoff.
+    /// Nominal cutoff of the walk's estimator, in Hz; 0 for an estimator without a cutoff.
     pub cutoff_hz: f64,
-    /// Largest stable K of each B.
+    /// For each B of the walk, the largest stable K.
     pub points: Vec<BoundaryPoint>,
 }
 
-/// Columns of the file for a linear scene.
+/// Columns of the walk file, if the scene is linear.
 const COLUMNS: [&str; 3] = ["cutoff_hz", "damping_n_s_per_m", "stiffness_n_per_m"];
-/// Largest distance of a measured B from the nearest B of the scene's walk, in steps.
+/// A measured B belongs to a B of the scene's walk if their distance is at most this value, in steps of B.
 const NEAR: f64 = 1e-3;
 
 impl Measured {

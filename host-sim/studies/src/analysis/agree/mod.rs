@@ -1,7 +1,7 @@
 //! Compares a measured walk with the walk that a scene predicts. Do the walks agree? If not, which number of the scene
 //! explains the difference best?
 //!
-//! **Distance** of two walks, N/m: `sqrt(sum over B of max(0, |K - K'| - step)^2 / n)`, where n is the number of
+//! **Distance** of two walks, in N/m: `sqrt(sum over B of max(0, |K - K'| - step)^2 / n)`, where n is the number of
 //! measured B. One step of K is subtracted, because a walk does not resolve smaller differences. If only one of the
 //! walks reaches a B, the other walk has K = 0 at this B.
 //!
@@ -41,10 +41,11 @@ use crate::{
 pub const STARTS: u32 = 19;
 /// Walks of each value of a suspect.
 const STARTS_OF_A_VALUE: u32 = 4;
-/// Number of times that an interval around the best value, or around an end of the range, is halved.
+/// The number of times that an interval of values is halved. The interval lies around the best value or around an end
+/// of the range.
 const HALVINGS: usize = 3;
 
-/// B, N s/m, and K of both walks at this B, N/m.
+/// A value of B in N s/m, and the K of both walks at this B in N/m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
     pub damping_n_s_per_m: f64,
@@ -52,43 +53,43 @@ pub struct Row {
     pub predicted: f64,
     pub predicted_low: f64,
     pub predicted_high: f64,
-    /// Measured K; 0 if the measured walk does not reach this B.
+    /// K of the measured walk. It is 0 if the measured walk does not reach this B.
     pub measured: f64,
 }
 
 /// Result of one suspect.
 #[derive(Clone, Debug)]
 pub struct Tried {
-    /// The number that was changed.
+    /// The number of the scene that was changed.
     pub suspect: Suspect,
-    /// The middle value of the tried values in the range.
+    /// The value in the middle of `range`. It is one of the tried values.
     pub value: f64,
-    /// Smallest and largest tried value that explain the difference as well as the best value. With these values, the
-    /// remaining distance is the minimum, or within the scatter.
+    /// Smallest and largest tried value that explain the difference as well as the best value. With each of these
+    /// values, the remaining distance is minimal or at most the scatter.
     pub range: [f64; 2],
-    /// Whether the range ends at the first or the last tried value.
+    /// Whether `range` ends at the first or the last tried value. Values beyond it may explain the difference too.
     pub at_edge: bool,
-    /// Distance between the walks that remains with this value, N/m.
+    /// The distance that remains between the walks with this value, in N/m.
     pub left: f64,
-    /// Mean predicted K with this value, for each row.
+    /// Mean predicted K in each row, with this value.
     pub predicted: Vec<f64>,
 }
 
 #[derive(Clone, Debug)]
 pub struct Agreement {
     pub rows: Vec<Row>,
-    /// Step of K, N/m.
+    /// Step of K in the scene's walk, in N/m.
     pub step: f64,
-    /// Distance of the measured walk from the prediction, N/m.
+    /// Distance of the measured walk from the prediction, in N/m.
     pub distance: f64,
-    /// Largest distance of the scene's own walks, N/m.
+    /// The largest distance that one of the scene's own walks has from the mean of the others, in N/m.
     pub scatter: f64,
-    /// The suspects, in ascending order of the remaining distance; empty if the walks agree.
+    /// The suspects, in ascending order of the remaining distance. The list is empty if the walks agree.
     pub tried: Vec<Tried>,
 }
 
 impl Agreement {
-    /// Whether the measured walk differs no more than walks from different starts do.
+    /// Whether the measured walk differs from the prediction no more than the scene's own walks do.
     pub fn agrees(&self) -> bool {
         self.distance <= self.scatter
     }
@@ -98,7 +99,7 @@ impl Agreement {
         tried.left <= self.scatter
     }
 
-    /// The suspects that explain the whole difference. If no suspect explains the whole, the suspect that explains the
+    /// The suspects that explain the whole difference. If there is none, the list has the suspect that explains the
     /// largest part.
     pub fn best(&self) -> Vec<&Tried> {
         let all: Vec<&Tried> = self.tried.iter().filter(|tried| self.explains(tried)).collect();
@@ -109,7 +110,7 @@ impl Agreement {
     }
 }
 
-/// K at each step of B.
+/// The largest stable K at each step of B, for one walk.
 type Stiffnesses = Vec<f64>;
 
 struct Walker<'a, D> {
@@ -120,7 +121,7 @@ struct Walker<'a, D> {
 }
 
 impl<D: Fn() + Sync> Walker<'_, D> {
-    /// Walks from `starts`, which are in counts.
+    /// Makes one walk from each position in `starts`. The positions are in counts.
     fn walk(&self, prepared: &PreparedScene, starts: &[f64]) -> Result<Vec<Stiffnesses>, Error> {
         let of = |&start: &f64| {
             let walk = walk(self.engine, prepared, Numeric::Fixed, self.velocity, start, self.stop);
@@ -130,7 +131,7 @@ impl<D: Fn() + Sync> Walker<'_, D> {
         starts.iter().map(of).collect()
     }
 
-    /// Walks of a changed scene; `None` if the scene is not allowed.
+    /// Makes the walks of a changed scene. `None` if the changed scene is not allowed.
     fn tried(&self, scene: &Scene) -> Result<Option<Stiffnesses>, Error> {
         let starts = starts(STARTS_OF_A_VALUE);
         let Some(prepared) = scene.check().ok().and_then(|()| PreparedScene::new(scene).ok())
@@ -169,7 +170,8 @@ fn mean(walks: &[Stiffnesses]) -> Stiffnesses {
     (0..rows).map(|row| walks.iter().map(|walk| at(walk, row)).sum::<f64>() / number).collect()
 }
 
-/// Distance of two walks. `measured` is the number of measured rows.
+/// Distance of two walks, in N/m, with the formula at the top of this file. `measured` is the number n of measured
+/// rows.
 fn distance(one: &[f64], other: &[f64], step: f64, measured: usize) -> f64 {
     let beyond = |row| ((at(one, row) - at(other, row)).abs() - step).max(0.0);
     let squares = (0..one.len().max(other.len())).map(|row| beyond(row).powi(2));
@@ -275,14 +277,15 @@ fn rows(scene: &Scene, own: &[Stiffnesses], predicted: &[f64], found: &[f64]) ->
     (0..predicted.len().max(found.len())).map(row).collect()
 }
 
-/// A value of a suspect, the remaining distance, and the walk with this value. Lists are sorted by the value.
+/// A tried value of a suspect, the remaining distance, and the walk with this value. Lists of these are sorted by the
+/// value.
 struct Value {
     value: f64,
     left: f64,
     walk: Stiffnesses,
 }
 
-/// The best value of a suspect. `None` if the core accepts none of the changed scenes.
+/// Searches the best value of a suspect. `None` if the core accepts none of the changed scenes.
 fn search(
     walker: &Walker<'_, impl Fn() + Sync>,
     scene: &Scene,
@@ -349,8 +352,8 @@ fn search(
     }))
 }
 
-/// First and last index of the neighbouring values that explain as much as the best value. With these values, the
-/// remaining distance is the minimum, or within the scatter.
+/// The indices of the first and the last value around the best value that explain as much as the best value does. With
+/// each of these values, the remaining distance is minimal or at most the scatter.
 fn explaining(tried: &[Value], best: usize, scatter: f64) -> [usize; 2] {
     let least = tried[best].left.max(scatter);
     let good = |place: &usize| tried[*place].left <= least;

@@ -1,4 +1,4 @@
-//! Numbers of a scene that may be wrong. Each number is changed alone, first to the values of a list.
+//! Numbers of a scene that may be wrong. Each number is changed alone. The search first tries the values of a list.
 
 use crate::{
     numerics::integrator::Integrator,
@@ -13,36 +13,36 @@ use crate::{
 pub struct Suspect {
     /// Name in reports.
     pub name: &'static str,
-    /// Key of the number in a linear scene.
+    /// Key of the number in a scene file with linear units.
     pub key: &'static str,
-    /// Unit of the values at the handle.
+    /// Unit of the values, as seen at the handle.
     pub unit: &'static str,
-    /// The scene's value; `None` if the scene does not have the element.
+    /// The value in the scene; `None` if the scene does not have the element.
     pub own: Option<f64>,
-    /// Values that are tried first, ascending; all are above 0.
+    /// Values that the search tries first, in ascending order. All are above 0.
     pub values: Vec<f64>,
     edit: fn(&mut Scene, f64),
 }
 
 /// Factors by which the scene's own value is multiplied.
 const TIMES: [f64; 9] = [0.5, 0.7, 0.85, 0.95, 1.05, 1.15, 1.3, 1.5, 2.0];
-/// Bandwidths of amplifiers, Hz.
+/// Bandwidths that are tried for the amplifier, in Hz.
 const AMPLIFIERS_HZ: [f64; 8] = [50.0, 100.0, 200.0, 400.0, 800.0, 1500.0, 3000.0, 4900.0];
-/// Dry friction, as a share of full force.
+/// Values that are tried for dry friction, as a share of full force.
 const DRY: [f64; 6] = [0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
-/// Noise of the encoder, counts RMS.
+/// Values that are tried for the noise of the encoder, in counts RMS.
 const NOISE: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
-/// Added latencies, in output periods.
+/// Latencies that are tried in addition to the scene's latency, in output periods.
 const LATER: [f64; 8] = [0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5];
-/// Seed of noise that is added to a scene without noise.
+/// Seed of the random noise. It is used if the scene has no noise of its own.
 const SEED: u32 = 1;
-/// Stribeck speed of friction that is added to a scene without friction, m/s. Static and Coulomb friction of this added
-/// friction are equal.
+/// Stribeck speed of friction that is added to a scene without friction, in m/s. The static and the Coulomb friction of
+/// this added friction are equal.
 const STRIBECK_M_PER_S: f64 = 1e-3;
 
 /// Divides mass, damping, stiffness and all other forces of the device by `times`. The device then moves as if the
-/// motor's force were `times` the force in the scene, without the board's knowledge. A wrong size of a count has the
-/// same effect.
+/// motor's force were `times` as large as in the scene. The board does not know of this change. A count of the wrong
+/// size has the same effect.
 fn force(scene: &mut Scene, times: f64) {
     scene.device.mass_kg /= times;
     scene.device.damping_n_s_per_m /= times;
@@ -95,7 +95,8 @@ pub fn suspects(scene: &Scene) -> Vec<Suspect> {
             scene.device.stiffness_n_per_m = k
         });
     }
-    // The mass of an arm or of a second body is not divided.
+    // `force` does not divide the masses of an arm or of a second body. So it is not offered for scenes with these
+    // elements.
     if scene.arm.is_none() && scene.mode.is_none() {
         let (key, unit) = ("actuator.gain_n_per_v", "times the scene's");
         add("force per command", key, unit, Some(1.0), times(1.0), force);
@@ -134,8 +135,8 @@ impl Suspect {
         changed
     }
 
-    /// Relative distance of a value from the scene's value. If the scene does not have the element, the scene's value
-    /// is replaced by a value beyond the values that are tried first.
+    /// Relative distance of a value from the scene's value. A scene without the element has no value. Then the distance
+    /// is measured from a value beyond the values that are tried first.
     pub fn far(&self, value: f64) -> f64 {
         let none = || match (self.values.first(), self.values.last()) {
             (_, Some(last)) if self.name == "amplifier" => 2.0 * last,

@@ -16,7 +16,7 @@ fn compared(named: &NamedScene, measured: &Measured) -> Agreement {
     agree(Engine::lanes(), named, measured, &stop, || ()).unwrap()
 }
 
-/// The walk of a scene, from a start that the prediction does not use.
+/// Makes the walk of a scene. It begins at a start that the prediction does not use.
 fn measured(scene: &Scene, cutoff_hz: f64, start: f64) -> Measured {
     let (prepared, stop) = (PreparedScene::new(scene).unwrap(), AtomicBool::new(false));
     let filter = scene.velocity.at(cutoff_hz);
@@ -66,13 +66,13 @@ fn the_number_that_is_wrong_is_among_those_that_explain_the_difference() {
         assert!(best.iter().all(|tried| agreement.explains(tried)), "{name}");
         let found = best.iter().find(|tried| tried.suspect.name == name).expect(name);
         let [low, high] = found.range;
-        // The search finds an end of the range with an error of at most one interval.
+        // The search finds an end of the range with an error of at most one interval between tried values.
         assert!(NEAR * low <= value && value <= high / NEAR, "{name}: {low} to {high}");
         assert!(best.len() <= 4, "{name}: {} explain it", best.len());
     }
 }
 
-/// Tolerance of the ends of a range.
+/// Tolerance of the ends of a range, as a factor.
 const NEAR: f64 = 0.85;
 
 #[test]

@@ -1,4 +1,4 @@
-//! The result of `agree` as rows and sentences.
+//! The result of [`agree`](super::agree) as rows and sentences.
 
 use serde::Serialize;
 
@@ -24,7 +24,7 @@ pub struct Told<'a> {
 }
 
 impl<'a> Told<'a> {
-    /// The result for a scene and a measured walk with the name `name`.
+    /// The result of comparing a scene with a measured walk. `name` is the name of the measured walk.
     pub fn new(
         scene: &'a NamedScene,
         name: &'a str,
@@ -54,9 +54,9 @@ pub struct WallRow {
     pub predicted_n_per_m: f64,
     pub predicted_low_n_per_m: f64,
     pub predicted_high_n_per_m: f64,
-    /// Measured K; 0 if the measured walk does not reach this B.
+    /// K of the measured walk. It is 0 if the measured walk does not reach this B.
     pub measured_n_per_m: f64,
-    /// K with the best suspect; `None` if the walks agree.
+    /// K that the best suspect predicts; `None` if the walks agree.
     pub explained_n_per_m: Option<f64>,
 }
 
@@ -66,17 +66,17 @@ pub struct SuspectRow {
     pub name: &'static str,
     pub key: String,
     pub unit: String,
-    /// The scene's value; `None` if the scene does not have the element.
+    /// The value in the scene; `None` if the scene does not have the element.
     pub scene: Option<f64>,
-    /// The middle value of the tried values in the range.
+    /// The value in the middle of the range from `low` to `high`. It is one of the tried values.
     pub value: f64,
     /// Smallest tried value that explains the difference as well as the best value.
     pub low: f64,
     /// Largest tried value that explains the difference as well as the best value.
     pub high: f64,
-    /// Whether the range ends at the first or the last tried value.
+    /// Whether `low` is the first tried value or `high` is the last one.
     pub at_edge: bool,
-    /// Remaining distance between the walks.
+    /// Distance that remains between the walks with this value.
     pub left_n_per_m: f64,
     /// Whether the suspect explains the whole difference.
     pub explains: bool,
@@ -88,7 +88,7 @@ fn key_of(units: Units, tried: &Tried) -> String {
     if !units.is_rotary() {
         return key.into();
     }
-    // In a rotary scene, each of the following numbers comes from several keys.
+    // A rotary scene computes each of the following numbers from several keys.
     match key {
         "device.mass_kg" => "rotary.handle_inertia_kg_m2".into(),
         "actuator.gain_n_per_v" => "rotary.torque_constant_n_m_per_a".into(),
@@ -124,7 +124,7 @@ impl Agreement {
         Table::of(&columns, &self.walls())
     }
 
-    /// The suspects in ascending order of the remaining distance. Their values are in `units`.
+    /// The suspects in ascending order of the remaining distance, with values in `units`.
     pub fn suspects(&self, units: Units) -> Vec<SuspectRow> {
         let row = |tried: &Tried| {
             // An angle is in rad, as in the scene.

@@ -22,11 +22,11 @@ use zwidth::{
 
 use super::bandwidth::bandwidth_hz;
 
-/// Lowest bandwidth of the search, as a share of the rate. At a rate of 10 kHz the lowest bandwidth is 20 Hz.
+/// Lowest bandwidth of the search, as a fraction of the sample rate. At a rate of 10 kHz the lowest bandwidth is 20 Hz.
 const LOW: f64 = 2e-3;
 /// An interval that contains every tuning that the core accepts.
 const TUNINGS: [f64; 2] = [1e-9, 1e12];
-/// Number of logarithmic halvings of the interval [`TUNINGS`].
+/// Number of times that the interval [`TUNINGS`] is halved on a logarithmic scale.
 const HALVINGS: u32 = 60;
 
 /// Tunings of one estimator.
@@ -34,22 +34,23 @@ const HALVINGS: u32 = 60;
 pub struct Axes {
     start: VelocitySettings,
     design: Design,
-    /// Whether the tuning is a whole number.
+    /// Whether the tuning must be a whole number, for example the length of a window.
     pub whole: bool,
-    /// Tuning at the lowest and the highest bandwidth.
+    /// The tunings with the lowest and the highest bandwidth.
     pub tuning: [f64; 2],
-    /// Lowest and highest bandwidth, Hz.
+    /// Lowest and highest bandwidth, in Hz.
     pub bandwidth_hz: [f64; 2],
-    /// For each end, whether the core refuses every tuning beyond this end.
+    /// Whether the core refuses every tuning beyond the lower end and beyond the upper end.
     pub refused_beyond: [bool; 2],
-    /// Lowest and highest second parameter.
+    /// Lowest and highest value of the second parameter.
     pub second: Option<[f64; 2]>,
-    /// Whether the core refuses a second parameter outside `second`.
+    /// Whether the core refuses a second parameter outside of `second`.
     pub second_refused_beyond: bool,
 }
 
 impl Axes {
-    /// Axes of an estimator, from settings that the core accepts. `None` if the estimator has no tuning.
+    /// Axes of an estimator. The search for the ends begins at `start`, settings that the core accepts. `None` if the
+    /// estimator has no tuning.
     pub fn new(start: &VelocitySettings, design: &Design, mass_kg: f64) -> Option<Self> {
         let (parameter, default) = start.tuning()?;
         let second = start.name().parameters()[1].and_then(|p| second_range(&p, mass_kg));
@@ -95,14 +96,14 @@ impl Axes {
         self.second.map_or(tuned, |[low, high]| tuned.with_second(low * (high / low).powf(second)))
     }
 
-    /// Second parameter before the search, as a point on its axis.
+    /// The second parameter before the search, as a point on its axis from 0 to 1.
     pub fn start_second(&self) -> f64 {
         let (_, [_, before, ..]) = EstimatorName::of(&self.start);
         self.second.map_or(0.0, |[low, high]| (before / low).ln() / (high / low).ln())
     }
 
-    /// The settings with a bandwidth that is wrong by a factor, and the factor that they reach. A whole-number tuning
-    /// cannot reach every factor. `None` if the core refuses the tuning.
+    /// Settings with a bandwidth that is wrong by a factor, and the factor that they reach. The reached factor differs
+    /// from the requested one if the tuning is a whole number. `None` if the core refuses the tuning.
     pub fn off_by(
         &self,
         settings: &VelocitySettings,
@@ -142,7 +143,7 @@ impl Axes {
         bandwidth_hz(&self.start.with_tuning(tuning), &self.design).ok()
     }
 
-    /// The accepted tuning nearest to `far`. The search begins at `near`, which must be accepted.
+    /// Searches the accepted tuning that is nearest to `far`. The search begins at `near`, which must be accepted.
     fn last_accepted(&self, near: f64, far: f64) -> f64 {
         let nearest = |tuning: f64| if self.whole { tuning.round() } else { tuning };
         let (mut good, mut bad) = (near, far);
@@ -153,7 +154,7 @@ impl Axes {
         nearest(good)
     }
 
-    /// The tuning with this bandwidth. The tuning is limited to the ends of the axis.
+    /// The tuning with this bandwidth. If the bandwidth is beyond an end of the axis, it is the tuning at this end.
     fn tuning_of(&self, hz: f64) -> f64 {
         let [low, high] = self.bandwidth_hz;
         if hz <= low {
@@ -168,7 +169,7 @@ impl Axes {
         self.between(self.tuning, hz).unwrap_or(self.tuning[0])
     }
 
-    /// The whole number in an interval with the nearest bandwidth.
+    /// The whole number in an interval whose bandwidth is nearest to `hz`.
     fn nearest_whole(&self, [one, other]: [f64; 2], hz: f64) -> f64 {
         let (mut tuning, last) = (one.min(other), one.max(other));
         let (mut nearest, mut least) = (tuning, f64::INFINITY);
@@ -182,7 +183,7 @@ impl Axes {
         nearest
     }
 
-    /// The tuning in an interval with this bandwidth; `None` if the interval does not contain this tuning.
+    /// The tuning in an interval that has this bandwidth. `None` if no tuning in the interval has it.
     fn between(&self, ends: [f64; 2], hz: f64) -> Option<f64> {
         let (mut slow, mut fast) = (ends[0], ends[1]);
         if self.bandwidth_at(slow)? > hz || self.bandwidth_at(fast)? < hz {
@@ -242,7 +243,7 @@ mod tests {
                     _ => ends[1] < wanted,
                 };
                 assert!(ends[0] >= 0.999 * 20.0 && ends[1] <= 5000.0);
-                // If an end is inside the search range, the core refuses the next step beyond this end.
+                // If an end of the axis is inside the search range, the core refuses the next step beyond this end.
                 if outside {
                     assert!(axes.refused_beyond[side], "{name:?} {ends:?}");
                     let other = axes.tuning[1 - side];
@@ -278,12 +279,12 @@ mod tests {
                 assert!((hz(&axes, &wrong) / hz(&axes, &best) / factor - 1.0).abs() < 1e-6);
             }
         }
-        // The bandwidth is proportional to sqrt(C), so 20 % of bandwidth are 44 % of C.
+        // The bandwidth is proportional to sqrt(C). So a bandwidth larger by 20 % needs a C larger by 44 %.
         let levant = axes(EstimatorName::LevantImplicit);
         let best = EstimatorName::LevantImplicit.defaults();
         let (wrong, _) = levant.off_by(&best, 1.2).unwrap();
         assert!((wrong.tuning().unwrap().1 / (20.0 * 1.44) - 1.0).abs() < 1e-6);
-        // The wrong tuning is the nearest other whole number, never the same number.
+        // The wrong tuning of a window is the nearest other whole number. It is never the same number.
         let window = axes(EstimatorName::FoawEnd);
         let off = |samples: f64, factor| {
             let best = EstimatorName::FoawEnd.defaults().with_tuning(samples);

@@ -1,6 +1,6 @@
 //! A common measure for the tunings of all estimators: the -3 dB frequency of the response from the position to the
-//! estimate. All searches cover the same range of this bandwidth. If a tuning is called "wrong by 20 %", its bandwidth
-//! is wrong by 20 %.
+//! estimate. All searches cover the same range of this bandwidth. A tuning that is called "wrong by 20 %" has a
+//! bandwidth that is wrong by 20 %.
 //!
 //! | estimator | its bandwidth |
 //! |-----------|---------------|
@@ -20,8 +20,8 @@
 //!                     i / (s^2 + p s + i)                                             implicit: u1
 //! ```
 //!
-//! The differentiator is homogeneous, so all its frequencies are proportional to sqrt(C). So 20 % of bandwidth are 44 %
-//! of C.
+//! The differentiator is homogeneous, so all its frequencies are proportional to sqrt(C). So a bandwidth larger by 20 %
+//! needs a C larger by 44 %.
 
 use std::f64::consts::PI;
 
@@ -30,12 +30,12 @@ use zwidth::{Design, SettingsError, VelocitySettings, velocity::LevantDesign};
 
 use crate::analysis::linear::position_response;
 
-/// Lowest frequency of the grid, as a share of the rate.
+/// Lowest frequency of the grid, as a fraction of the sample rate.
 const LOWEST: f64 = 1e-5;
-/// Number of grid points from `LOWEST` to half the rate, 80 points per decade.
+/// Number of grid points from `LOWEST` to half the sample rate. A decade has 80 points.
 const POINTS: u32 = 376;
 
-/// -3 dB frequency of the response from the position to the estimate, Hz.
+/// Bandwidth in Hz: the frequency at which the response from the position to the estimate is -3 dB.
 pub fn bandwidth_hz(settings: &VelocitySettings, design: &Design) -> Result<f64, SettingsError> {
     let of_rate = match *settings {
         VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio }
@@ -61,7 +61,7 @@ pub fn bandwidth_hz(settings: &VelocitySettings, design: &Design) -> Result<f64,
     Ok(of_rate * design.rate_hz)
 }
 
-/// Highest frequency at which a magnitude is above -3 dB, as a share of the rate.
+/// The highest frequency at which a magnitude is above -3 dB, as a fraction of the sample rate.
 fn highest(magnitude: impl Fn(f64) -> f64) -> f64 {
     let above = |of_rate: f64| magnitude(of_rate) >= 0.5f64.sqrt();
     let at = |n: u32| LOWEST * (0.5 / LOWEST).powf(f64::from(n) / f64::from(POINTS));
@@ -93,7 +93,8 @@ mod tests {
         let near = |got: f64, want: f64, within: f64| {
             assert!((got / want - 1.0).abs() < within, "{got} Hz, not {want}");
         };
-        // The frequency is so low that the difference has little effect: sinc(200 / 10000) is 0.9993.
+        // The position is differenced over one sample. At this low frequency that has little effect: sinc(200 / 10000)
+        // is 0.9993.
         near(of(VelocitySettings::ButterworthPrewarped { cutoff_hz: 200.0 }), 200.0, 1e-3);
         near(of(VelocitySettings::TrackingLoop { bandwidth_hz: 200.0 }), 0.6436 * 200.0, 0.01);
         // sin(x) / x = 1 / sqrt(2) at x = 1.3916
@@ -112,7 +113,7 @@ mod tests {
         let [explicit, implicit] = [EstimatorName::LevantExplicit, EstimatorName::LevantImplicit];
         near(levant(implicit, 4.0) / levant(implicit, 1.0), 2.0, 1e-6);
         assert!(levant(implicit, 1.0) < levant(explicit, 1.0));
-        // The parabola through three samples is never below -3 dB.
+        // The estimator fits a parabola through three samples. Its response is never below -3 dB.
         assert_eq!(of(VelocitySettings::Taylor2 {}), 5000.0);
     }
 }

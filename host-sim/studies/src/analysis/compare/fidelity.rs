@@ -13,7 +13,7 @@
 //! handle, and the estimator does not get the force of the hand.
 //!
 //! **The estimator's share.** Hold and latency of the loop change the impedance by the same amount for all estimators.
-//! So a second loop uses the true velocity at the sample instead of the estimate. The distance between the impedances
+//! So a second loop uses the true velocity at each sample instead of the estimate. The distance between the impedances
 //! of both loops is the error of the estimator.
 //!
 //! **One number.** Errors grow with the frequency, so the highest frequency would dominate an RMS. The result is the
@@ -40,17 +40,18 @@ use crate::{
 /// and frequencies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fidelity {
-    /// Total error: `|rendered - commanded|`.
+    /// Total error: `|rendered - commanded|`. The other two errors are parts of it.
     pub error: f64,
-    /// Error of the estimator: `|rendered - rendered with the true velocity|`.
+    /// Error that comes from the estimator: `|rendered - rendered with the true velocity|`.
     pub of_estimator: f64,
-    /// Error of the loop, equal for every estimator: `|rendered with the true velocity - commanded|`.
+    /// Error that comes from the loop: `|rendered with the true velocity - commanded|`. It is equal for every
+    /// estimator.
     pub of_loop: f64,
     /// Errors at each wall and frequency. The fields above are the means of these errors.
     pub points: Vec<Point>,
 }
 
-/// The impedance at one wall and frequency, and its errors as in [`Fidelity`].
+/// The impedance at one wall and one frequency. Its errors are those of [`Fidelity`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
     pub wall: Wall,
@@ -60,16 +61,16 @@ pub struct Point {
     pub of_loop: f64,
 }
 
-/// Frequencies at which the impedance is compared, Hz. The range covers the motion of a hand and its touch at a wall.
-/// Each frequency is shifted by up to a few parts in a thousand, so that no pattern of counts repeats during the
+/// Frequencies at which the impedances are compared, in Hz. The range covers the motion of a hand and its touch at a
+/// wall. Each frequency is shifted by up to a few parts in a thousand, so that no pattern of counts repeats during the
 /// measurement.
 pub const FREQUENCIES_HZ: [f64; 7] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0];
-/// Smallest relative error that is distinguished. Smaller errors are set to this value.
+/// Smallest relative error that is kept. Smaller errors are set to this value.
 pub const FLOOR: f64 = 1e-3;
-/// Text with the elements that are not included.
+/// Names of the elements that the computed impedance does not include.
 pub const LEFT_OUT: &str = "saturation, push-only, output quantisation, amplifier error, mode, backlash, arm, friction, cogging, travel limits";
 
-/// Measures the filter `velocity` of the scene at these walls.
+/// Measures the rendered impedance at these walls, with the estimator `velocity`.
 ///
 /// # Errors
 /// A parameter is out of range, or `stop` was set.
@@ -116,8 +117,8 @@ fn at_wall(
     Ok(points)
 }
 
-/// Fourier coefficient of the force divided by the coefficient of the motion at one frequency, N/m. The first value is
-/// with the estimator, the second with the true velocity.
+/// Ratio of force to motion at one frequency, in N/m. It is computed from their Fourier coefficients. The first value
+/// is with the estimator, the second value is with the true velocity.
 fn impedances(sine: &Sine<'_>) -> Result<[Complex<f64>; 2], Error> {
     let wall = sine.wall;
     let mut sums = [Complex::new(0.0, 0.0); 2];
@@ -168,7 +169,7 @@ mod tests {
         scene.actuator.period = 1;
         let fast = at_4000(&scene);
         assert!(fast.error < 0.1 * late.error, "{fast:?} {late:?}");
-        // The force is late by 1.5 ms, without other errors.
+        // The force is late by 1.5 ms. There are no other errors.
         let of_loop = mean(|hz| 2.0 * (PI * hz * 1.5e-3).sin());
         assert!((late.of_loop / of_loop - 1.0).abs() < 0.02, "{late:?} {of_loop}");
         // The estimator's delay of 0.1 ms acts only on B.
@@ -189,7 +190,7 @@ mod tests {
         assert!(other.of_estimator > 1.3 * one.of_estimator, "{other:?}");
         assert!((both.of_estimator / middle - 1.0).abs() < 1e-12);
         assert_eq!(both.points.len(), 14);
-        // An error ten times larger at one frequency does not make the mean ten times larger.
+        // An error that is ten times larger at one frequency does not make the mean ten times larger.
         let product: f64 = one.points.iter().map(|p| p.of_estimator.max(FLOOR)).product();
         assert!((one.of_estimator / product.powf(1.0 / 7.0) - 1.0).abs() < 1e-12);
     }
@@ -202,8 +203,9 @@ mod tests {
         scene.actuator.limit_v *= 50.0;
         let large = of(&scene, 150.0, &[WALL]);
         assert!((small.error / large.error - 1.0).abs() < 1e-3, "{small:?} {large:?}");
-        // The observer in continuous time: V^ = V + H (U - A), H = (s^2 + 3 w s) / (s + w)^3. A is the acceleration. U
-        // is the motor's force divided by the mass, -(K X + B V^) / m. The hold delays U by half a period.
+        // The observer in continuous time, with the estimate V^ and the true velocity V: V^ = V + H (U - A), H = (s^2 +
+        // 3 w s) / (s + w)^3. A is the acceleration. U is the motor's force divided by the mass, -(K X + B V^) / m. The
+        // hold delays U by half a period.
         let (k, b, w) = (20_000.0, 50.0, 2.0 * PI * 150.0);
         for point in small.points {
             let s = Complex::new(0.0, 2.0 * PI * point.frequency_hz);
@@ -234,7 +236,8 @@ mod tests {
         let noisy = with(|scene| scene.encoder_noise = Some(EncoderNoise { rms_m: 2e-6, seed: 1 }));
         assert!((noisy.of_estimator - plain.of_estimator).abs() > 1e-3, "{noisy:?} {plain:?}");
         let late = with(|scene| scene.jitter = Some(Jitter { peak_s: 9e-5, seed: 1 }));
-        // The count is read later than the controller assumes, so the count is newer when the force acts.
+        // The count is read later than the controller assumes. So the count is newer when the force acts, and the error
+        // is smaller.
         assert!(late.of_loop < plain.of_loop - 1e-3, "{late:?}");
         let rounded = with(|scene| scene.encoder.rounding = Rounding::Round);
         assert!(rounded != plain && (rounded.error - plain.error).abs() < 1e-3, "{rounded:?}");

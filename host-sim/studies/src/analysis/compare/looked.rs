@@ -1,30 +1,30 @@
-//! Results of a search, for each tuning. Each tuning is walked from the first start. A tuning is walked from the second
-//! start only if it can still win.
+//! The walks that a search has made, for each tuning. Each tuning is walked from the first start. A tuning is walked
+//! from the second start only if it can still win.
 //!
-//! If the first area of a tuning is below [`CAN_WIN`] of the best area, the tuning could only win with a second area
-//! above 105 % of the best area. In the searches of paper-1um, second areas of these tunings reached at most 95 % of
-//! the best area. So these tunings cannot win, and one walk is enough.
+//! Suppose that the first area of a tuning is below [`CAN_WIN`] times the best area. Then the tuning could only win
+//! with a second area above 105 % of the best area. In the searches of paper-1um, second areas of these tunings reached
+//! at most 95 % of the best area. So these tunings cannot win, and one walk is enough.
 
 use zwidth::VelocitySettings;
 
 use crate::{error::Error, numerics::statistics::Repeats, study::boundary::Boundary};
 
-/// Starts of the walks of a search, counts. The first is from the golden section. The second is half a count from the
-/// first. The repeats never use these starts.
+/// Positions at which the walks of a search start, in counts. The first start is the golden section. The second start
+/// is half a count further. The repeats never use these starts.
 pub(in crate::analysis) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
 
-/// Smallest first area for a walk from the second start, as a share of the best area.
+/// A tuning is walked from the second start only if its first area is at least this share of the best area.
 pub const CAN_WIN: f64 = 0.95;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Look {
-    /// Mean area of the walks, N^2 s/m^2.
+    /// Mean area of the boundaries that the walks found, in N^2 s/m^2.
     pub(super) area: f64,
     pub(super) walks: u32,
 }
 
 pub(super) struct Looked<T> {
-    /// For each tuning, the boundaries from the starts. Each boundary has a judgement.
+    /// The boundaries of each tuning from the starts that were walked. Each boundary has a judgement.
     made: Vec<(VelocitySettings, Vec<(T, Boundary)>)>,
     pub(super) hits: u64,
 }
@@ -36,8 +36,8 @@ impl<T> Default for Looked<T> {
 }
 
 impl<T> Looked<T> {
-    /// Walks the tunings. `best` is the best area so far. `walk` makes the walks from one start. The tunings in `soon`
-    /// may be requested next, so they are walked in parallel.
+    /// Walks the tunings in `settings`. `best` is the best area so far. `walk` makes the walks from one start. The
+    /// tunings in `soon` may be requested next, so they are walked in parallel with the others.
     pub(super) fn look(
         &mut self,
         settings: &[VelocitySettings],
@@ -74,7 +74,7 @@ impl<T> Looked<T> {
         self.made.iter().find(|(other, _)| other == settings).map_or(&[], |(_, made)| made)
     }
 
-    /// Mean of the known areas of a tuning; 0 if no area is known.
+    /// Mean of the areas of a tuning that are known so far; 0 if none is known.
     fn mean(&self, settings: &VelocitySettings, area: impl Fn(&(T, Boundary)) -> f64) -> f64 {
         Repeats::of(self.of(settings).iter().map(&area)).mean
     }
@@ -115,7 +115,7 @@ mod tests {
         Search::over(&axes, budget.tunings, look).unwrap()
     }
 
-    /// Compares the search with the exhaustive search. Returns the numbers of hits of both searches.
+    /// Checks that the search finds the result of the exhaustive search. Returns the numbers of hits of both searches.
     fn hold(scene: &Scene, name: EstimatorName, budget: Budget) -> [u64; 2] {
         let stop = AtomicBool::new(false);
         let walker = Walker { engine: Engine::lanes(), scene, stop: &stop, done: &|_| () };
@@ -129,8 +129,8 @@ mod tests {
             assert_eq!(found.settings, other.settings);
             let boundaries = walker.walks(&[found.settings], &STARTS).unwrap().pop().unwrap();
             hits += boundaries.hits();
-            // The area of a losing tuning comes from its first start. The distance of this area from the best area is
-            // larger than the difference between the starts.
+            // The area of a losing tuning comes from its first start alone. This area is below the best area by more
+            // than the two starts differ.
             match found.walks {
                 1 => {
                     assert!(
@@ -158,8 +158,8 @@ mod tests {
         (walk.damping_start_n_s_per_m, walk.damping_step_n_s_per_m) = (30.0, 30.0);
         (walk.stiffness_max_n_per_m, walk.damping_max_n_s_per_m) = (4e5, 1200.0);
         let budget = Budget { tunings: 8, repeats: 2 };
-        // The cases are a cutoff in lanes, a whole-number window in lanes, two parameters, and an estimator that runs
-        // hit by hit.
+        // The cases are: a cutoff in lanes, a whole-number window in lanes, two parameters, and an estimator that does
+        // not run in lanes.
         for name in [
             EstimatorName::Butterworth,
             EstimatorName::LeastSquares2,
@@ -207,7 +207,7 @@ mod tests {
             let (one, soon): (Vec<_>, Vec<_>) = (one, soon);
             looked.look(&one, &soon, best, |((), walked)| walked.area, walk).unwrap()
         };
-        // 100 is the best area. 90 cannot win. 97 can win.
+        // The best area is 100. A tuning with the area 90 cannot win, a tuning with the area 97 can.
         let found = look(&[100.0, 90.0], &[97.0], 0.0);
         assert_eq!(found.iter().map(|look| look.walks).collect::<Vec<_>>(), [2, 1]);
         assert_eq!(asked.load(Ordering::Relaxed), 5);

@@ -62,17 +62,16 @@ use crate::{
 pub enum Entry {
     /// An estimator that the search tunes.
     Tuned(EstimatorName),
-    /// Observer with known latency. The observer gets each force when the force acts, and not when the force is
-    /// granted.
+    /// An observer that knows the latency. It gets each force when the force acts, and not when the force is granted.
     ObserverInTime,
-    /// A common choice without tuning: a first-order low-pass at 50 Hz.
+    /// A common choice: a first-order low-pass at 50 Hz. It is not tuned.
     AdHoc,
 }
 
 const AD_HOC_HZ: f64 = 50.0;
 
 impl Entry {
-    /// The default list of estimators. Forms that are only used for other systems' defaults are left out.
+    /// The default list of estimators. It leaves out the forms that serve only as the defaults of other systems.
     pub fn usual(scene: &Scene) -> Vec<Self> {
         let mut all = Self::all(scene);
         let rare = [
@@ -87,7 +86,7 @@ impl Entry {
         all
     }
 
-    /// Every estimator whose inputs the scene has, and the ad-hoc estimator last. Pre-warped forms are left out,
+    /// Every estimator whose inputs the scene has. The ad-hoc estimator comes last. Pre-warped forms are left out,
     /// because pre-warping only changes the cutoff.
     pub fn all(scene: &Scene) -> Vec<Self> {
         let twice = [EstimatorName::ButterworthPrewarped, EstimatorName::FirstOrderPrewarped];
@@ -99,7 +98,7 @@ impl Entry {
     }
 
     /// The estimators with these names in the given order, without repeated names. An empty list gives the
-    /// [usual](Self::usual) estimators. Messages call the list `option`.
+    /// [usual](Self::usual) estimators. Error messages name the list with `option`.
     ///
     /// # Errors
     /// A name is unknown, or the scene does not have the inputs of the estimator.
@@ -143,7 +142,7 @@ impl Entry {
     }
 }
 
-/// Message that the name is not in the list, with the reason.
+/// Error message for a name that is not in the list. The message says why.
 fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
     let reason = match name.parse::<EstimatorName>() {
         Err(_) => match EstimatorName::replacing(name) {
@@ -168,7 +167,7 @@ fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
     PositionOnly,
-    /// Position, and a force, an accelerometer or edge times.
+    /// The position and one more input: a force, an acceleration or the times of edges.
     MoreThanPosition,
 }
 
@@ -194,7 +193,8 @@ impl Class {
 pub use crate::study::boundary::BoundaryPoint as Wall;
 
 impl Wall {
-    /// A wall with half of the mean K that these boundaries reach at a B. K is at least the walk's first K.
+    /// A wall with this B. Its K is half of the mean K that the boundaries reach at this B, but at least the first K of
+    /// the walk.
     pub fn half_of(boundaries: Option<&Boundaries>, scene: &Scene, damping_n_s_per_m: f64) -> Self {
         let reached = boundaries.map_or(0.0, |boundaries| {
             Repeats::of(boundaries.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
@@ -204,19 +204,20 @@ impl Wall {
     }
 }
 
-/// The walls at which estimators are compared. K of each boundary is read at one B. The three walls have half of this
-/// B, this B, and twice this B, but never a B outside the scene's walk. K of a wall is half of the mean K that the
-/// tuned finite difference and Butterworth filter reaches at the B of the wall. K is at least the walk's first K.
+/// The walls at which estimators are compared. They are derived from the boundaries of one estimator, the tuned finite
+/// difference and Butterworth filter. Their B are half of a given B, this B, and twice this B, but never outside the
+/// scene's walk. The K of a wall is half of the mean K that this estimator reaches at the wall's B. K is at least the
+/// walk's first K.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// The walls, lowest B first.
+    /// The walls, in ascending order of B.
     pub walls: [Wall; 3],
-    /// Mean area with the true velocity instead of an estimate, N^2 s/m^2.
+    /// Mean area if the loop gets the true velocity instead of an estimate, in N^2 s/m^2.
     pub told_area: f64,
 }
 
 impl Place {
-    /// The wall at which the force is compared. K of each boundary is read at the B of this wall.
+    /// The wall at which the force is compared. It has the B at which K of each boundary is read.
     pub fn middle(&self) -> Wall {
         self.walls[1]
     }
@@ -226,15 +227,15 @@ impl Place {
 pub struct Compared {
     pub entry: Entry,
     pub settings: VelocitySettings,
-    /// The search, and the boundaries of its result.
+    /// The result of the search, with its boundaries.
     pub tuned: Tuned,
-    /// Boundaries of this tuning by the scene's own criterion; `None` if the search used that criterion.
+    /// Boundaries of this tuning by the scene's own criterion. `None` if the search already used that criterion.
     pub beside: Option<Boundaries>,
     pub signal: Signal,
-    /// Results of contacts with each of the walls.
+    /// Results of the contacts with each of the walls.
     pub contacts: [Contact; 3],
     pub fidelity: Fidelity,
-    /// Cost on the Cortex-M4; `None` if not measured.
+    /// Cost on the Cortex-M4; `None` if it was not measured.
     pub cost: Option<Cost>,
 }
 
@@ -246,7 +247,7 @@ impl Compared {
         }
     }
 
-    /// Text with the necessary inputs.
+    /// Text that names the inputs of the estimator.
     pub fn needs(&self) -> &'static str {
         match self.settings.name().sense() {
             None => "position only",
@@ -264,12 +265,12 @@ pub fn with_filter(scene: &Scene, settings: &VelocitySettings) -> Scene {
 /// The estimator that defines the walls of the comparison.
 const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
 
-/// Default B at which K is read. If the tuned finite difference and Butterworth filter does not reach twice this B,
-/// half of the largest B that this filter reaches is used.
+/// Default B at which K is read, in N s/m. The tuned finite difference and Butterworth filter may not reach twice this
+/// B. Then half of the largest B that it reaches is used instead.
 const USUAL_DAMPING_N_S_PER_M: f64 = 100.0;
 
-/// B at which K is read: the default, or half of the largest B that the boundaries reach if this half is smaller. The
-/// half is rounded down to the walk's grid. The result is at least the walk's first B.
+/// The B at which K is read. It is the default, or half of the largest B that the boundaries reach if this half is
+/// smaller. The half is rounded down to the walk's grid. The result is at least the walk's first B.
 pub fn damping_of(boundaries: Option<&Boundaries>, scene: &Scene) -> f64 {
     let plan = scene.walk_plan();
     let reached = boundaries.map_or(0.0, |boundaries| {
@@ -287,8 +288,8 @@ pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
 }
 
 /// Compares `entries`. The tuned finite difference and Butterworth filter defines the walls ([`Place`]) of the
-/// contacts, even if this filter is not an entry. `beside` is the scene with another criterion. The areas by the
-/// criterion of `beside` are reported too. Calls `done` with the number of finished walks.
+/// contacts, even if this filter is not an entry. `beside` is the same scene with another criterion for a stable hit.
+/// The areas by this criterion are reported too. Calls `done` with the number of finished walks.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -360,15 +361,15 @@ pub fn compare(
     Ok((place, compared.into_iter().collect::<Result<_, _>>()?))
 }
 
-/// Settings at the start of the search. Known values of the device are used, for example its mass for the observer.
+/// Settings at which the search starts. They use known values of the device, for example its mass for the observer.
 pub fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
     let start = match entry {
         Entry::Tuned(name) => with_own_mass(name.defaults(), scene),
         Entry::ObserverInTime => with_own_mass(EstimatorName::Observer.defaults(), scene),
         Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ },
     };
-    // The defaults are for 10 kHz and 1 um. If the core refuses a default, the default is multiplied by the nearest
-    // power of two that the core accepts.
+    // The defaults are made for 10 kHz and 1 um. If the core refuses a default here, it is multiplied by a power of
+    // two: the one nearest to 1 that gives an accepted value.
     let Some((_, tuning)) = start.tuning() else { return start };
     let design = scene.design();
     let powers = (0..64).flat_map(|n| [n, -n]).map(|n| 2f64.powi(n));

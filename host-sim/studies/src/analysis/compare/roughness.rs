@@ -1,7 +1,8 @@
-//! Roughness of a wall in the hand: RMS of the force above 100 Hz, over the window of a wall hit. The hand feels
-//! vibration best near 250 Hz, and a wall does not command a force above 100 Hz. The force of a hit is chaotic: its
-//! roughness varies by 15 % from start to start. So there are [`HITS`] hits, with starts spread over a count. The hits
-//! run with all elements of the scene. The force is the controller's, with output quantisation, before the amplifier.
+//! Roughness of a wall in the hand: RMS of the force above 100 Hz in the measurement window of a wall hit. The hand
+//! feels vibration best near 250 Hz, and a wall does not command a force above 100 Hz. The force of a hit is chaotic:
+//! its roughness varies by 15 % from start to start. So there are [`HITS`] hits, with starts spread over a count. The
+//! hits run with all elements of the scene. The force is the controller's output with quantisation, before the
+//! amplifier.
 
 use std::{f64::consts::PI, sync::atomic::AtomicBool};
 
@@ -21,11 +22,11 @@ use crate::{
 pub struct Contact {
     /// Whether the wall is stable with this estimator from every start.
     pub stable: bool,
-    /// RMS of the force above [`ROUGH_ABOVE_HZ`] in each hit, N.
+    /// RMS of the force above [`ROUGH_ABOVE_HZ`] in each hit, in N.
     pub roughness_n: Vec<f64>,
 }
 
-/// Lower frequency limit of roughness, Hz.
+/// Only force components above this frequency count as roughness.
 pub const ROUGH_ABOVE_HZ: f64 = 100.0;
 pub const HITS: u32 = 16;
 
@@ -55,7 +56,7 @@ pub fn measure(
     })
 }
 
-/// Result of a hit, and its roughness, N.
+/// Result of one hit, and the roughness of its force in N.
 pub fn of_hit(
     prepared: &PreparedScene,
     numeric: Numeric,
@@ -72,8 +73,8 @@ pub fn of_hit(
     (report, rms_above(&forces_n, output_hz, ROUGH_ABOVE_HZ))
 }
 
-/// RMS of a signal above `above_hz`. The mean is subtracted first. A Hann window prevents that low-frequency drift
-/// leaks to high frequencies.
+/// RMS of a signal above `above_hz`. The mean is subtracted first. A Hann window keeps slow drift from leaking into
+/// high frequencies.
 fn rms_above(signal: &[f64], rate_hz: f64, above_hz: f64) -> f64 {
     let length = signal.len() as f64;
     if signal.is_empty() {

@@ -35,15 +35,15 @@ use crate::{
 /// Limits on the cost of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Largest number of tunings with one parameter, 3 or more. With two parameters the limit is [`OF_TWO`] times as
-    /// large.
+    /// Largest number of tunings that a search with one parameter may try, 3 or more. With two parameters the limit is
+    /// [`OF_TWO`] times as large.
     pub tunings: u32,
-    /// Number of walks of the result, 1 or more. The starts of these walks are spread over a count.
+    /// Number of walks of the result, 1 or more. Their starts are spread evenly over a count.
     pub repeats: u32,
 }
 
 impl Budget {
-    /// Largest number of walks of one estimator: its search, the result, and four wrong tunings.
+    /// Largest number of walks that one estimator can need: for its search, its result and four wrong tunings.
     pub fn most(&self) -> u64 {
         let walks = OF_TWO * self.tunings * WALKS_OF_A_TRY;
         u64::from(walks) + 5 * u64::from(self.repeats)
@@ -52,35 +52,38 @@ impl Budget {
 
 /// Largest number of walks for one tried tuning of a search.
 pub const WALKS_OF_A_TRY: u32 = 2;
-/// Allowed number of tunings with two parameters, divided by the allowed number with one parameter.
+/// A search with two parameters may try this many times as many tunings as a search with one parameter.
 pub const OF_TWO: u32 = 4;
-/// Share of the tunings in the evenly spaced first step, as a fraction, for one axis and for two.
+/// The share of the tunings that the evenly spaced first step uses, as numerator and denominator. The first fraction is
+/// for one axis, the second is for two.
 const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
-/// Number of lines of the first grid along the second axis. Each line is in the middle of one of `LINES` equal parts.
+/// Number of lines of the first grid along the second axis. The axis is divided into this many equal parts, and each
+/// line is in the middle of a part.
 const LINES: u32 = 3;
-/// A neighbour is better if its area is larger by more than this share.
+/// A neighbour counts as better if its area is larger by more than this share.
 pub const GAIN: f64 = 0.002;
-/// Smallest step, as a ratio of bandwidths. For whole-number tunings, `LEAST_STEP` is used instead.
+/// The search ends at this step, a ratio of two bandwidths. For whole-number tunings it ends at `LEAST_STEP`.
 pub const LAST_STEP: f64 = 1.03;
-/// Smallest step of any kind, as a part of the range.
+/// Smallest step on any axis, as a share of the axis.
 const LEAST_STEP: f64 = 1e-4;
-/// Factor of a wrong bandwidth. The loss of area shows how critical the tuning is.
+/// Factor by which the bandwidth of a wrong tuning is wrong. The loss of area at this tuning shows how critical the
+/// tuning is.
 pub const WRONG_BY: f64 = 1.2;
-/// Relative error of a wrong model mass, in both directions.
+/// Relative error of the mass in a wrong model. Both a larger and a smaller mass are tried.
 pub const MASS_WRONG_BY: f64 = 0.2;
 
 pub struct Walker<'a, D> {
     pub engine: Engine,
     /// The scene. The scene's own estimator is not used.
     pub scene: &'a Scene,
-    /// Set to stop the search.
+    /// Becomes true when the search must stop.
     pub stop: &'a AtomicBool,
     /// Called with the number of finished walks.
     pub done: &'a D,
 }
 
 impl<D: Fn(u64) + Sync> Walker<'_, D> {
-    /// Boundaries of tunings of one estimator from `starts`.
+    /// Walks tunings of one estimator from `starts`. Returns the boundaries.
     pub(in crate::analysis) fn walks(
         &self,
         settings: &[VelocitySettings],
@@ -93,7 +96,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok(made.into_iter().flatten().collect())
     }
 
-    /// Boundaries of a result from the starts of the repeats.
+    /// Walks a result from the starts of the repeats. Returns the boundaries.
     ///
     /// # Errors
     /// An error of [`best`](Self::best).
@@ -105,8 +108,8 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok(self.walks(&[*settings], &starts(budget.repeats))?.pop().unwrap_or_default())
     }
 
-    /// The best tuning from `start`, and its boundaries. Wrong tunings are not walked. Settings that are not free are
-    /// walked unchanged.
+    /// Searches the best tuning, beginning at `start`. Returns the tuning and its boundaries. Wrong tunings are not
+    /// walked. Settings that are not free are walked unchanged.
     ///
     /// # Errors
     /// The handle does not reach the wall, or `stop` was set.
@@ -152,7 +155,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok((best, tuned))
     }
 
-    /// Whether walks of this estimator can run in lanes. The engine has no influence.
+    /// Whether walks of this estimator can run in lanes. The answer does not depend on the engine that is used.
     ///
     /// # Errors
     /// The scene is not allowed with this estimator.
@@ -185,7 +188,8 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
     }
 }
 
-/// Tunes `start` if it is free. Otherwise walks it unchanged. Calls `done` with the number of finished walks.
+/// Tunes the estimator `start` if `is_free` says so. Otherwise walks its settings unchanged. Calls `done` with the
+/// number of finished walks.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -201,14 +205,14 @@ pub fn tune(
     let walker = Walker { engine, scene, stop, done };
     let (best, mut tuned) = walker.best(start, is_free, budget)?;
     let area = tuned.boundaries.area();
-    // Wrong settings below and above the best settings. The loss of area at a wrong tuning is multiplied by a share.
-    // For a wrong mass of a model the loss is not scaled.
+    // Settings that are wrong: below and above the best settings. At a wrong tuning, the loss of area is multiplied by
+    // a share. At a wrong mass of a model, the loss is not scaled.
     let mut wrongs: Vec<(usize, Option<f64>, VelocitySettings)> = vec![];
     let axes = walker.axes(start, is_free);
     for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
         let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
-        // A whole-number tuning is not wrong by exactly the factor. So the loss is scaled by the ratio of the
-        // logarithms of the wanted and the reached factor.
+        // A whole-number tuning is not wrong by exactly the wanted factor. So the loss is multiplied by the logarithm
+        // of the wanted factor, divided by the logarithm of the reached factor.
         let share = |reached: f64| Some(factor.ln() / reached.ln());
         wrongs.extend(wrong.map(|(wrong, reached)| (side, share(reached), wrong)));
     }
@@ -231,7 +235,8 @@ pub fn tune(
     Ok((best, tuned))
 }
 
-/// For each parameter of `best`: the end of the search range, if the parameter is within the last step of this end.
+/// For each parameter of `best`, the end of the search range that it has reached. `None` if the parameter is further
+/// from both ends than the last step.
 fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
     let (_, [tuning, second, ..]) = EstimatorName::of(best);
     let near = |value: f64, end: f64| (value / end).ln().abs() < 1e-6;
@@ -248,10 +253,10 @@ fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
     edges
 }
 
-/// Tunings that were tried so far.
+/// The state of a search: the tunings that were tried so far.
 pub(super) struct Search {
     pub(super) tried: Vec<Tried>,
-    /// Whether the search ended because its steps became small.
+    /// Whether the search ended because its steps became small. It is false if the search had to stop before.
     pub(super) settled: bool,
 }
 
@@ -293,7 +298,7 @@ impl Search {
             };
             for (n, &direction) in directions.iter().enumerate() {
                 let place = to(direction);
-                // The opposite direction is walked in parallel with this direction.
+                // The opposite direction may be needed next, so it is walked in parallel with this one.
                 let soon = directions.get(n + 1).filter(|_| n % 2 == 0).map(|next| to(*next));
                 if search.tried.len() >= limit as usize && search.is_new(axes, place) {
                     return Ok(search);
@@ -311,7 +316,7 @@ impl Search {
         Ok(search)
     }
 
-    /// Tries the places that are new and within the limit.
+    /// Tries those of the places that are new, as long as the limit allows it.
     fn look_at(
         &mut self,
         axes: &Axes,
@@ -360,7 +365,7 @@ impl Search {
     }
 }
 
-/// Steps to the neighbours of a tuning: along the first axis, the second axis, and both.
+/// Steps to the neighbours of a tuning: along the first axis, along the second axis, and along both at once.
 const DIRECTIONS: [[f64; 2]; 8] = [
     [1.0, 0.0],
     [-1.0, 0.0],
@@ -372,7 +377,7 @@ const DIRECTIONS: [[f64; 2]; 8] = [
     [-1.0, 1.0],
 ];
 
-/// Middles of `parts` equal parts of the interval from 0 to 1.
+/// The interval from 0 to 1 is divided into `parts` equal parts. Returns the middle of each part.
 fn even(parts: u32) -> Vec<f64> {
     (0..parts).map(|n| (f64::from(n) + 0.5) / f64::from(parts)).collect()
 }
@@ -406,7 +411,7 @@ mod tests {
         (looked.collect(), best, search.settled)
     }
 
-    /// A hill of height 1 that falls to 95 % at a ratio of 1.2.
+    /// A hill of height 1. At a ratio of 1.2 its height is 95 %.
     fn hill(ratio: f64) -> f64 {
         (-0.05 * (ratio.ln() / 1.2f64.ln()).powi(2)).exp()
     }
@@ -418,7 +423,7 @@ mod tests {
                 search(EstimatorName::FirstOrder, 24, |[hz, _]| hill(hz / top));
             assert!(settled && hill(found / top) > 0.995, "{found} for {top}");
             assert!((14..=24).contains(&looked.len()), "{}", looked.len());
-            // A larger budget finds no larger area. The search only starts with a finer grid, and also settles.
+            // A larger budget finds no larger area. The search starts with a finer grid, and it also settles.
             let (_, [again, _], settled) =
                 search(EstimatorName::FirstOrder, 48, |[hz, _]| hill(hz / top));
             assert!(settled && hill(again / top) > 0.995, "{again} for {top}");

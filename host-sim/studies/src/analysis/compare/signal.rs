@@ -31,22 +31,22 @@ use crate::{
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Signal {
-    /// Delay of a slow sine, s; negative for a lead.
+    /// Delay of the estimate in a slow sine, in s. It is negative if the estimate leads.
     pub delay_s: Driven,
-    /// Phase at 100 Hz against the true velocity, degrees; negative for a delay.
+    /// Phase of the estimate against the true velocity at 100 Hz, in degrees. It is negative if the estimate is late.
     pub phase_100_hz_deg: Driven,
-    /// RMS of the velocity at rest with a flickering count, m/s.
+    /// RMS of the estimate when the handle rests and the count flickers, in m/s.
     pub noise_at_rest_m_per_s: f64,
-    /// RMS of the error at a constant speed, m/s. The largest value of all speeds.
+    /// RMS of the estimate's error at a constant speed, in m/s. It is the largest value over all speeds.
     pub noise_in_motion_m_per_s: f64,
 }
 
-/// A result for a motion by the hand, and for a motion by the motor.
+/// A result for two motions: one is driven by the hand, the other by the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Driven {
-    /// Motion by the hand. The estimator does not get the hand's force.
+    /// Result if the hand moves the device. The estimator does not get the hand's force.
     pub hand: f64,
-    /// Motion by the motor. The estimator gets the whole motor force.
+    /// Result if the motor moves the device. The estimator gets the whole motor force.
     pub motor: f64,
 }
 
@@ -56,18 +56,18 @@ enum Drive {
     Motor,
 }
 
-/// Frequency of the sine for the delay, as a fraction of the rate.
+/// Frequency of the sine with which the delay is measured, as a fraction of the sample rate.
 const SLOW: f64 = 5e-4;
-/// Largest speed of the sines, counts per sample.
+/// Largest speed of the sines, in counts per sample.
 const FAST_COUNTS: f64 = 100.0;
-/// Samples before the measurement. After these samples even the slowest filters have settled.
+/// Number of samples before the measurement. After these samples even the slowest filters have settled.
 const WARM_UP: u32 = 20_000;
 const SAMPLES: u32 = 40_000;
-/// Speeds, counts per sample.
+/// Speeds at which the noise in motion is measured, in counts per sample.
 const SPEEDS: [f64; 6] = [0.010_618, 0.038_197, 0.123_606, 0.381_966, 1.127_3, 2.902_7];
 
-/// A motion as a function from the sample number to position and speed. The position is in counts, with edges at whole
-/// numbers. The speed is in counts per sample.
+/// A motion: a function that gives position and speed at a sample number. The position is in counts, with edges at
+/// whole numbers. The speed is in counts per sample.
 type Motion<'a> = dyn FnMut(u32) -> [f64; 2] + 'a;
 
 /// Measures the filter `velocity` with the values of the scene.
@@ -112,14 +112,14 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// RMS of the velocity's error against `speed`, counts per sample.
+    /// RMS of the difference between the estimate and `speed`, in counts per sample.
     fn noise(&self, motion: &mut Motion<'_>, speed: f64) -> Result<f64, SettingsError> {
         let mut sum = 0.0;
         self.run(motion, Drive::Hand, |_, velocity| sum += (velocity - speed).powi(2))?;
         Ok((sum / f64::from(SAMPLES)).sqrt())
     }
 
-    /// Largest speed of a sine that uses 80 % of the actuator's force, counts per sample.
+    /// Largest speed of a sine, in counts per sample. At this speed the device needs 80 % of the actuator's force.
     fn fastest(&self, omega: f64) -> f64 {
         let (device, rate_hz) = (&self.scene.device, self.scene.control.rate_hz);
         let per_s = omega * rate_hz;
@@ -128,10 +128,10 @@ impl Bench<'_> {
         0.8 * self.scene.full_scale_n() / impedance / (rate_hz * self.scene.encoder.resolution_m)
     }
 
-    /// Phase against the true velocity near `frequency` (cycles per sample), rad.
+    /// Phase of the estimate against the true velocity, in rad. The sine is near `frequency`, in cycles per sample.
     fn sine(&self, frequency: f64, by: Drive) -> Result<f64, SettingsError> {
-        // The number of periods and the number of samples have no common factor. Otherwise a few counts would repeat
-        // with their rounding errors.
+        // The number of periods and the number of samples have no common factor. Otherwise the same few counts would
+        // repeat, always with the same rounding errors.
         let periods = whole(f64::from(SAMPLES) * frequency);
         let samples = (1..=SAMPLES).rev().find(|&n| gcd(n, periods) == 1).unwrap_or(SAMPLES);
         let omega = 2.0 * PI * f64::from(periods) / f64::from(samples);
@@ -153,7 +153,7 @@ impl Bench<'_> {
         Ok((-im).atan2(re))
     }
 
-    /// Mean force over a sample that the device needs for this motion, N.
+    /// Mean force that the device needs during one sample of this motion, in N.
     fn force_n(&self, [x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> f64 {
         let (device, rate_hz) = (&self.scene.device, self.scene.control.rate_hz);
         let counts = device.mass_kg * (v1 - v0) * rate_hz * rate_hz
@@ -162,7 +162,8 @@ impl Bench<'_> {
         counts * self.scene.encoder.resolution_m
     }
 
-    /// Runs the motion. After the warm-up, calls `each` with the sample number and the velocity, counts per sample.
+    /// Runs the motion. After the warm-up, calls `each` with the sample number and with the velocity in counts per
+    /// sample.
     fn run(
         &self,
         motion: &mut Motion<'_>,
@@ -253,7 +254,7 @@ mod tests {
             "{rounded:?} {plain:?}"
         );
         assert!((rounded.phase_100_hz_deg.hand - plain.phase_100_hz_deg.hand).abs() < 1e-2);
-        // The periodic error has a slope of 0.0628 sin. At 2.9 counts per sample this slope adds a velocity of 0.0129
+        // The periodic error has the slope `0.0628 sin`. At 2.9 counts per sample this slope adds a velocity of 0.0129
         // m/s RMS. Other errors are small.
         let wrong = measured(|scene| {
             let (cycle_m, first_m) = (1e-3, 1e-5);
@@ -284,21 +285,21 @@ mod tests {
         let plain = signal(VelocitySettings::Difference {});
         assert!((plain.delay_s.hand / 5e-5 - 1.0).abs() < 0.02, "{plain:?}");
         assert!((plain.phase_100_hz_deg.hand + 1.8).abs() < 0.05, "{plain:?}");
-        // For an estimator that uses only the position, hand and motor give the same result.
+        // An estimator that uses only the position gives the same result for the hand and the motor.
         assert_eq!(plain.delay_s.hand, plain.delay_s.motor);
         let butterworth = signal(VelocitySettings::Butterworth { cutoff_hz: 500.0 });
         assert!((butterworth.delay_s.hand / 5.0e-4 - 1.0).abs() < 0.01, "{butterworth:?}");
         assert!((butterworth.phase_100_hz_deg.hand + 18.2).abs() < 0.1, "{butterworth:?}");
-        // The count changes with probability 1/2 per sample. So half of the differences are +-1 count, and +-1 count is
-        // 10 mm/s.
+        // The count changes with probability 1/2 per sample. So half of the differences are +-1 count, the others 0.
+        // One count per sample is 10 mm/s.
         assert!((plain.noise_at_rest_m_per_s / (0.01 * 0.5f64.sqrt()) - 1.0).abs() < 0.02);
         assert!(butterworth.noise_at_rest_m_per_s < 0.1 * plain.noise_at_rest_m_per_s);
         assert!(butterworth.noise_in_motion_m_per_s < plain.noise_in_motion_m_per_s);
         let window = VelocitySettings::LeastSquares1 { window_samples: 20 };
         assert!((signal(window).delay_s.hand / 1e-3 - 1.0).abs() < 0.01);
-        // With the motor's force the observer has almost no delay. The observer does not get the hand's force. So for
-        // motion by the hand the observer is a filter of the position, with poles at w. The delay of this filter is 3
-        // atan(x) - atan(3 x), where x is 100 Hz divided by the bandwidth.
+        // With the motor's force the observer has almost no delay. The observer does not get the hand's force. So when
+        // the hand moves the device, the observer is a filter of the position with its poles at w. The delay of this
+        // filter is 3 atan(x) - atan(3 x), where x is 100 Hz divided by the bandwidth.
         let observer = signal(VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 0.416 });
         // The observer does not know the force of the device's damping b, so it leads by 3 b / (m w^2).
         let lead = 3.0 * 5.5195 / 0.416 / (2.0 * PI * 100.0).powi(2);
@@ -321,7 +322,8 @@ mod tests {
         assert_eq!(told.phase_100_hz_deg.hand, observer.phase_100_hz_deg.hand);
         // With known latency the observer gets the force in time. The result is the same as without latency.
         assert_eq!(of(3.0, true, settings), observer);
-        // With a mass that is 20 % too large, the observer attributes a sixth of the acceleration to the hand.
+        // With a mass that is 20 % too large, the motor's force explains only five sixths of the acceleration. The
+        // observer attributes the last sixth to the hand.
         let wrong = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 1.2 * 0.416 };
         let off = signal(wrong).phase_100_hz_deg;
         assert!(off.motor < -2.0 && off.motor > off.hand, "{off:?}");

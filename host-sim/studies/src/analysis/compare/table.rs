@@ -1,4 +1,4 @@
-//! The comparison as a table. CSV, JSON, the page and the winners use one list of criteria.
+//! The comparison as a table. CSV, JSON, the page and the list of winners use the same list of criteria.
 
 use zwidth::{VelocitySettings, velocity};
 
@@ -16,25 +16,25 @@ use crate::{
     table::{Cell, Kind, Table},
 };
 
-/// Which values of a criterion are better.
+/// Which values of a criterion are the better ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Better {
     More,
     Less,
-    /// Nearer to 0, from both sides.
+    /// The value that is nearer to 0, whether it is positive or negative.
     NearerToZero,
 }
 
-/// Printed table that contains the criterion.
+/// The printed table in which a criterion stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// Criteria of the Z-width.
     Boundary,
-    /// Criteria of the estimator without the loop.
+    /// Criteria of the estimator alone, without the loop.
     Signal,
-    /// Criteria in contact with walls.
+    /// Criteria that are measured in contact with walls.
     Contact,
-    /// Criteria of wrong settings, and of cost.
+    /// Criteria that show the effect of wrong settings, and the cost.
     Robustness,
 }
 
@@ -52,31 +52,32 @@ impl Part {
 }
 
 pub struct Criterion {
-    /// Name of the CSV column, with unit.
+    /// Name of the CSV column. It ends in the unit.
     pub key: &'static str,
     /// Name in printed tables.
     pub name: &'static str,
     /// Unit in printed tables.
     pub unit: &'static str,
-    /// Factor from the CSV's unit to the unit in printed tables.
+    /// The value in the CSV's unit times this factor is the value in the printed unit.
     pub scale: f64,
-    /// Digits after the point in printed tables.
+    /// Number of digits after the point in printed tables.
     pub digits: usize,
     pub part: Part,
-    /// Which values are better; `None` if the criterion ranks nothing.
+    /// Which values are better; `None` if the criterion does not rank estimators.
     pub better: Option<Better>,
-    /// Values of all repeats. One value if measured once. Empty if the criterion does not apply.
+    /// Gives the values of all repeats. It gives one value if the criterion is measured once, and none if the criterion
+    /// does not apply.
     pub values: fn(&Compared, &Place) -> Vec<f64>,
 }
 
 impl Criterion {
-    /// The mean of the values.
+    /// The mean of the values; `None` if the criterion does not apply.
     pub fn value(&self, c: &Compared, place: &Place) -> Option<f64> {
         let values = (self.values)(c, place);
         (!values.is_empty()).then(|| Repeats::of(values.iter().copied()).mean)
     }
 
-    /// The value for printed tables.
+    /// The value as text for printed tables.
     pub fn cell(&self, c: &Compared, place: &Place, units: Units) -> String {
         let (_, factor) = units.written(self.unit);
         let digits = |value: f64| match (factor == 1.0, value.abs()) {
@@ -94,14 +95,15 @@ impl Criterion {
         )
     }
 
-    /// Unit in printed tables, in `units`.
+    /// The unit in printed tables. It depends on whether the scene is linear or rotary.
     pub fn unit(&self, units: Units) -> &'static str {
         units.written(self.unit).0
     }
 }
 
-/// Makes the list of criteria. An entry has three groups. The first group has table part, better values and CSV key.
-/// The second group has printed name, unit, factor and digits. The third group is the function that gives the values.
+/// Makes the list of criteria. An entry has three groups. The first group says in which table the criterion stands,
+/// which values are better, and its CSV key. The second group has the name, the unit, the factor and the digits for
+/// printed tables. The third group is the function that gives the values.
 macro_rules! criteria {
     ($($part:ident $better:expr, $key:literal:
        $name:literal, $unit:expr, $scale:literal, $digits:literal, $values:expr;)*) => {
@@ -181,18 +183,18 @@ pub const CRITERIA: [Criterion; 27] = criteria! {
         "RAM", "bytes", 1.0, 0, |c, _| Vec::from_iter(c.cost.map(|cost| cost.ram_bytes));
 };
 
-/// Mean area as a share of the true velocity's area.
+/// The mean area as a share of the area that the true velocity reaches.
 fn share(c: &Compared, place: &Place) -> Option<f64> {
     (place.told_area > 0.0).then(|| c.tuned.boundaries.area() / place.told_area)
 }
 
-/// Roughness of each hit at the middle wall; empty if that wall is unstable.
+/// Roughness of each hit at the middle wall. The list is empty if that wall is unstable.
 fn roughness(c: &Compared) -> Vec<f64> {
     let [_, middle, _] = &c.contacts;
     if middle.stable { middle.roughness_n.clone() } else { vec![] }
 }
 
-/// The value, if all walls are stable. Otherwise empty.
+/// A list with the value if all walls are stable, and an empty list otherwise.
 fn at_all_walls(c: &Compared, value: f64) -> Vec<f64> {
     if c.contacts.iter().all(|contact| contact.stable) { vec![value] } else { vec![] }
 }
@@ -210,13 +212,13 @@ pub fn search_walks(c: &Compared) -> u32 {
 pub struct Parameter {
     pub name: &'static str,
     pub unit: &'static str,
-    /// Result of the search.
+    /// The value that the search found.
     pub value: f64,
-    /// The end of the search range, if the value is at an end.
+    /// The end of the search range that the value has reached; `None` if the value is inside the range.
     pub edge: Option<Edge>,
 }
 
-/// The tuning and the second parameter, if the estimator has them.
+/// The tuning and the second parameter. Each is `None` if the estimator does not have it.
 pub fn parameters(c: &Compared) -> [Option<Parameter>; 2] {
     [0, 1].map(|n| {
         let (velocity::Parameter { name, unit, .. }, value) = c.settings.parameter(n)?;
@@ -272,12 +274,12 @@ pub fn table(compared: &[Compared], place: &Place) -> Table {
     table
 }
 
-/// Number of the compared walls at which the loop is stable.
+/// The number of walls of the comparison at which the loop is stable.
 pub fn stable_at_walls(c: &Compared) -> usize {
     c.contacts.iter().filter(|contact| contact.stable).count()
 }
 
-/// Every tried tuning, in the order of the tries.
+/// A table of every tried tuning, in the order in which they were tried.
 pub fn tunings(compared: &[Compared]) -> Table {
     let mut table = Table::new([
         ("estimator", Kind::Text),
@@ -298,7 +300,7 @@ pub fn tunings(compared: &[Compared]) -> Table {
     table
 }
 
-/// Every point of every walk at the results of the searches.
+/// A table of the boundaries at the results of the searches. It has every point of every walk.
 pub fn boundaries(compared: &[Compared]) -> Table {
     Boundaries::table(
         "estimator",
@@ -306,7 +308,7 @@ pub fn boundaries(compared: &[Compared]) -> Table {
     )
 }
 
-/// Errors of the impedance by wall and frequency.
+/// A table of the errors of the rendered impedance, by wall and frequency.
 pub fn fidelities(compared: &[Compared]) -> Table {
     let numbers = [
         "stiffness_n_per_m",
@@ -332,7 +334,7 @@ pub fn fidelities(compared: &[Compared]) -> Table {
     table
 }
 
-/// Notes for the reader, one sentence each.
+/// Notes that explain the tables to a reader. Each note is one sentence.
 pub fn notes(compared: &[Compared], place: &Place, units: Units) -> Vec<String> {
     let (k, b) = (place.middle().stiffness_n_per_m, place.middle().damping_n_s_per_m);
     let walls = place.walls.map(|wall| {

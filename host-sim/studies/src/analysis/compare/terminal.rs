@@ -7,10 +7,10 @@ use super::{
 };
 use crate::{notation::number, scene::Units};
 
-/// Largest line width, characters.
+/// Largest line width, in characters.
 pub const WIDTH: usize = 120;
 
-/// Tables, winners and notes.
+/// The comparison as text: the tables, the winners and the notes.
 pub fn text(compared: &[Compared], place: &Place, winners: &[Winner], units: Units) -> String {
     let mut text = String::new();
     tunings(&mut text, compared);
@@ -34,7 +34,7 @@ pub fn text(compared: &[Compared], place: &Place, winners: &[Winner], units: Uni
     text
 }
 
-/// A parameter with its unit. A star marks a value at an end of its range.
+/// The text of a parameter with its unit. A star marks a value that is at an end of its range.
 pub fn parameter(parameter: Option<Parameter>) -> String {
     match parameter {
         None => String::new(),

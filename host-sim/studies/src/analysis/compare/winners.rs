@@ -18,25 +18,25 @@ use crate::{
     scene::Units,
 };
 
-/// The winner of a criterion in a class.
+/// The best estimators of one criterion in one class.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Winner {
     pub criterion: Cow<'static, str>,
     /// Inputs of the estimators: `position_only` or `more_than_position`.
     pub class: &'static str,
-    /// The estimators with the best mean.
+    /// The estimators with the best mean. There are several if their means are equal.
     pub best: Vec<String>,
-    /// Other estimators that the repeats cannot distinguish from the best.
+    /// Further estimators. The repeats do not show that they are worse than the best.
     pub not_told_apart: Vec<String>,
-    /// Mean of the best estimator.
+    /// Mean value of the best estimator.
     pub value: f64,
-    /// Rank of finite difference and Butterworth: 1 plus the number of estimators in its class that are shown to be
-    /// better. `null` if this estimator is not in the class or has no value.
+    /// Rank of the finite difference and Butterworth filter in its class. The rank is 1 plus the number of estimators
+    /// that are shown to be better. `null` if this estimator is not in the class or has no value.
     pub butterworth_rank: Option<usize>,
 }
 
 impl Winner {
-    /// The winner with its criterion and value in `units`.
+    /// The same winner with its criterion and its value in `units`.
     #[must_use]
     pub fn told(&self, units: Units) -> Self {
         match units.key(&self.criterion) {
@@ -50,7 +50,7 @@ impl Winner {
     }
 }
 
-/// The winners of all criteria that rank estimators, in every class that has a member.
+/// The winners of all criteria that rank estimators. Each class that has a member has its own winners.
 pub fn winners(compared: &[Compared], place: &Place) -> Vec<Winner> {
     let mut winners = vec![];
     for criterion in &CRITERIA {
@@ -77,7 +77,7 @@ fn winner(
     ranked(criterion.key, class, better, &candidates)
 }
 
-/// The winner among estimators with these names and values.
+/// The winner of a criterion among estimators of one class, which are given by name and values.
 fn ranked(
     criterion: &'static str,
     class: Class,
@@ -93,7 +93,7 @@ fn ranked(
         Better::Less => -mean,
         Better::NearerToZero => -mean.abs(),
     };
-    // Values that were measured only once are compared directly.
+    // Values that were measured only once have no scatter. They are compared directly, without a test.
     let beats = |one: &Repeats, other: &Repeats| match better {
         Better::More => other.is_below(AS_GOOD_AS_BEST, one),
         Better::Less if one.count + other.count > 2.0 => one.is_below(AS_GOOD_AS_BEST, other),
@@ -156,7 +156,7 @@ mod tests {
         assert_eq!(winner.best, ["kalman-2"]);
         assert_eq!(winner.not_told_apart, ["butterworth", "kalman-3"]);
         assert_eq!(winner.butterworth_rank, Some(1));
-        // The same means without scatter. In this case the test shows that two estimators are better than Butterworth.
+        // The same means without scatter. Here the test shows that two estimators are better than Butterworth.
         let winner = of(
             Better::More,
             &[("butterworth", &[94.0; 4]), ("kalman-2", &[100.0; 4]), ("kalman-3", &[99.0; 4])],

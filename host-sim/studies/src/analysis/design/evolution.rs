@@ -1,11 +1,11 @@
-//! Differential evolution in a unit cube, with several populations at once.
+//! Searches filters with differential evolution in a unit cube. Several populations evolve at once.
 //!
 //! R. Storn and K. Price, "Differential evolution: a simple and efficient heuristic for global optimization over
 //! continuous spaces", J. Global Optimization 11, 1997. The scale of the differences is drawn again for each
-//! generation, as in SciPy. Each member has a cap, which is its own limit of the gain peak. So one search finds the
-//! best filter for every cap. A member takes steps from the best known filter below its cap, or from another member. A
-//! filter above the cap is not walked. Of two filters above the cap, the filter nearer to the cap stays (K. Deb,
-//! Comput. Methods Appl. Mech. Engrg. 186, 2000).
+//! generation, as in SciPy. Each member of a population has its own limit of the gain peak, its cap. So one search
+//! finds the best filter for every cap. A member takes steps from the best known filter below its cap, or from another
+//! member. A filter above the cap is not walked. Of two filters above the cap, the filter nearer to the cap stays (K.
+//! Deb, Comput. Methods Appl. Mech. Engrg. 186, 2000).
 //!
 //! The result of a search is refined in rounds. Each round draws from a Gaussian with the mean and covariance of the
 //! best filters below a cap (P. Larranaga and J. A. Lozano, "Estimation of distribution algorithms", 2002).
@@ -20,23 +20,23 @@ use crate::{
     },
 };
 
-/// Number of members with the first cap.
+/// Number of members that have the first cap.
 const MAIN: usize = 24;
-/// Number of members with each further cap.
+/// Number of members that have each further cap.
 const EACH: usize = 8;
-/// Share of the coordinates that change when a member tries a step.
+/// When a member tries a step, this share of its coordinates changes.
 const CROSSING: f64 = 0.8;
 
 /// A point of the search. Each coordinate is 0 to 1.
 pub type Place<const N: usize> = [f64; N];
 
-/// The objective of a search.
+/// What a search optimises: the quality of filters, and the limit of their gain peak.
 pub trait Field<const N: usize> {
-    /// First point of a member, from the random point `drawn`.
+    /// The point at which a member begins. `drawn` is a random point.
     fn begin(&self, drawn: Place<N>) -> Place<N> {
         drawn
     }
-    /// Gain peak of the filter at a point, dB; infinite if there is no filter.
+    /// Gain peak of the filter at a point, in dB. It is infinite if there is no filter at this point.
     fn peak_db(&self, place: &Place<N>) -> f64;
     /// Quality of the filters at these points.
     ///
@@ -45,7 +45,7 @@ pub trait Field<const N: usize> {
     fn worths(&mut self, places: &[Place<N>]) -> Result<Vec<f64>, Error>;
 }
 
-/// A member: its point, its excess above the cap, and its quality.
+/// A member of a population: its point, its quality, and by how much its gain peak is above its cap.
 #[derive(Clone, Copy, Debug)]
 struct Member<const N: usize> {
     place: Place<N>,
@@ -63,11 +63,11 @@ impl<const N: usize> Member<N> {
     }
 }
 
-/// All walked filters: point, gain peak, dB, and quality.
+/// All walked filters. Each has its point, its gain peak in dB, and its quality.
 pub type Found<const N: usize> = Vec<(Place<N>, f64, f64)>;
 
-/// Walks at least `budget` filters, and at most one generation more. The caps are in dB. The first cap gets most
-/// members.
+/// Searches the best filters below each cap. Walks at least `budget` filters, and at most one generation more. The caps
+/// are in dB. The first cap gets the most members.
 ///
 /// # Errors
 /// An error of [`Field::worths`].
@@ -130,13 +130,13 @@ pub fn evolve<const N: usize>(
     Ok(found)
 }
 
-/// Number of best filters that define the Gaussian.
+/// The Gaussian is computed from this number of best filters.
 const SPREAD: usize = 12;
-/// Number of draws in a round.
+/// Number of points that are drawn in a round.
 const ROUND: usize = 40;
 
-/// Refines the filters at the points `from`, below the cap. Qualities from the search are not used, because the search
-/// had another grid. The refinement walks `budget` filters, and at least one round.
+/// Refines the filters at the points `from`, and stays below the cap. The qualities that the search found are not used,
+/// because the search had another grid. The refinement walks `budget` filters, and at least one round.
 ///
 /// # Errors
 /// An error of [`Field::worths`].
@@ -199,7 +199,7 @@ fn look<const N: usize>(
     Ok(members.collect())
 }
 
-/// The best walked filter below a cap, or the first member.
+/// The point of the best walked filter below a cap. If there is none, the point of the first member.
 fn best_below<const N: usize>(cap_db: f64, found: &Found<N>, members: &[Member<N>]) -> Place<N> {
     let below = found.iter().filter(|(_, peak, _)| *peak <= cap_db);
     let best = below.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(place, ..)| *place);
@@ -210,7 +210,7 @@ fn best_below<const N: usize>(cap_db: f64, found: &Found<N>, members: &[Member<N
 mod tests {
     use super::*;
 
-    /// A ridge whose height grows with the gain peak. The gain peak is 10 times the first coordinate.
+    /// A ridge whose height grows with the gain peak. The gain peak in dB is 10 times the first coordinate.
     struct Ridge(usize);
 
     impl Field<4> for Ridge {

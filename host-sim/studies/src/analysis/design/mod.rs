@@ -2,15 +2,15 @@
 //! after the finite difference, in the core's fixed point. The filter is designed for the worst of several conditions.
 //! A condition sets the push, the hand and the limit.
 //!
-//! * The quality of a filter is a ratio of areas, in the worst condition. The filter's area is divided by the area of
-//!   finite difference and Butterworth at the best cutoff of `[sweep]`. With one condition, the best filter has the
-//!   largest area.
+//! * The quality of a filter is a ratio of areas. The filter's area is divided by the area of the reference, a finite
+//!   difference and Butterworth filter at the best cutoff of `[sweep]`. The condition with the smallest ratio counts.
+//!   With one condition, the best filter has the largest area.
 //! * [`evolution`] is a global search over poles, lead and second zero ([`shape`]), for several limits of the gain peak
 //!   (caps) together. The grid of the walk is so coarse that Butterworth's boundary has about 28 columns.
 //! * The best filters of the first cap are refined on a grid with twice as many columns.
 //! * The best filters of each cap are walked again on the scene's grid, from other starts. The best filters of these
-//!   walks are walked once more, from the starts of a sweep. So the selection does not bias the area in the result.
-//!   With one repeat, all walks have one start, and the area is biased upwards.
+//!   walks are walked once more, from the starts of a sweep. So the selection does not bias the area in the result. If
+//!   there is only one repeat, all walks have the same start. Then the area is biased upwards.
 //! * Roughness is measured as in [`compare`](super::compare), at the same wall. But for a design, Butterworth's cutoff
 //!   is one of the cutoffs of `[sweep]`. The area with a frequency or damping that is wrong by [`MISTUNED_BY`] is also
 //!   measured.
@@ -46,24 +46,26 @@ use crate::{
     },
 };
 
-/// Columns of the reference's boundary on the grid of the search, and rows up to its peak.
+/// The grid of the search is so coarse that the reference's boundary has this number of columns, and this number of
+/// rows up to its peak.
 const COLUMNS: f64 = 28.0;
-/// Columns of the grid for the refinement.
+/// The number of columns on the grid of the refinement.
 const FINE_COLUMNS: f64 = 56.0;
-/// Share of the budget for the refinement.
+/// The refinement gets this share of the budget.
 const REFINE: f64 = 0.2;
-/// Starts of the walks that choose among the best filters, counts: the starts of a search, and two starts between
-/// these.
+/// Positions at which the walks start that choose among the best filters, in counts. They are the starts of a search
+/// and two starts between them.
 const CHOICE: [f64; 4] =
     [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
-/// Number of best filters that are walked again on the scene's grid, for each cap and each grid of the search.
+/// This number of best filters is walked again on the scene's grid, for each cap and for each grid of the search.
 const CHOSEN: usize = 8;
-/// Caps on the gain peak, dB, for further filters of the result. Only caps below the requested cap are used.
+/// The result also has the best filters below these caps on the gain peak, in dB. Only caps below the requested cap are
+/// used.
 const FRONT_DB: [f64; 6] = [12.0, 9.0, 6.0, 4.5, 3.0, 1.5];
-/// Factor of a mistuned frequency or damping, up or down.
+/// A mistuned filter has a frequency or a damping that is too large or too small by this factor.
 pub const MISTUNED_BY: f64 = 1.2;
 
-/// Push, hand and limit of a design.
+/// The circumstances for which a filter is designed: the push, the hand and the limit.
 #[derive(Clone, Debug)]
 pub struct Condition {
     pub name: String,
@@ -72,57 +74,57 @@ pub struct Condition {
 
 #[derive(Clone, Debug)]
 pub struct Question {
-    /// One or more conditions of one device.
+    /// The conditions for which a filter is designed, one or more. All have the same device.
     pub conditions: Vec<Condition>,
-    /// Largest allowed gain of the estimate against the true velocity, dB.
+    /// Largest allowed gain from the true velocity to the estimate, in dB.
     pub gain_peak_db: Option<f64>,
-    /// Largest allowed delay of a slow motion, s.
+    /// Largest allowed delay of the estimate in a slow motion, in s.
     pub delay_s: Option<f64>,
-    /// Largest allowed roughness of the force, N.
+    /// Largest allowed roughness of the force, in N.
     pub roughness_n: Option<f64>,
-    /// Smallest allowed area of a mistuned filter, as a share of the area of the correctly tuned filter.
+    /// Smallest area that a mistuned filter may have, as a share of the area of the correctly tuned filter.
     pub mistuned_share: Option<f64>,
-    /// Sections of a filter, 1 or 2.
+    /// Number of sections of a filter, 1 or 2.
     pub sections: u8,
     /// Number of filters that the search walks.
     pub budget: u32,
-    /// Walks of a result in each condition.
+    /// Number of walks of a result in each condition.
     pub repeats: u32,
     pub seed: u64,
     pub numeric: Numeric,
 }
 
-/// Finite difference and Butterworth in one condition.
+/// The reference in one condition: a finite difference and Butterworth filter.
 #[derive(Clone, Debug)]
 pub struct Reference {
-    /// The best cutoff, Hz.
+    /// The cutoff with the largest area, in Hz.
     pub cutoff_hz: f64,
     pub boundaries: Boundaries,
 }
 
-/// A filter of the result.
+/// A filter that the design returns, with its figures.
 #[derive(Clone, Debug)]
 pub struct Designed {
     pub shape: Shape,
-    /// Boundaries in each condition.
+    /// The filter's boundaries in each condition.
     pub boundaries: Vec<Boundaries>,
-    /// Area divided by the reference's area, in the worst condition.
+    /// The filter's area divided by the reference's area, in the condition where this ratio is smallest.
     pub worth: f64,
-    /// Index of the worst condition.
+    /// Index of the condition in which the ratio of areas is smallest.
     pub worst: usize,
-    /// Largest gain of the estimate against the true velocity, dB.
+    /// Largest gain from the true velocity to the estimate, in dB.
     pub gain_peak_db: f64,
-    /// RMS of the force above 100 Hz at the wall, N; `None` if the wall is not stable.
+    /// RMS of the force above 100 Hz at the wall, in N. `None` if the wall is not stable with this filter.
     pub roughness_n: Option<f64>,
-    /// Smallest area of a mistuned filter, as a share of the area of the correctly tuned filter, in the worst
-    /// condition.
+    /// Smallest area that a mistuned filter has in the worst condition, as a share of the area of the correctly tuned
+    /// filter.
     pub mistuned_share: f64,
-    /// The biquads, as the core runs them.
+    /// The biquads with the coefficients that the core uses.
     pub sections: Vec<Biquad>,
 }
 
 impl Designed {
-    /// Mean area in the worst condition, N^2 s/m^2.
+    /// Mean area in the worst condition, in N^2 s/m^2.
     pub fn area(&self) -> f64 {
         self.boundaries.get(self.worst).map_or(0.0, Boundaries::area)
     }
@@ -133,32 +135,32 @@ impl Designed {
 pub struct Tried {
     pub shape: Shape,
     pub gain_peak_db: f64,
-    /// Quality on the search's grid.
+    /// Quality on the search's grid: the area divided by the reference's area, in the worst condition.
     pub worth: f64,
 }
 
 #[derive(Clone, Debug)]
 pub struct DesignStudy {
     pub question: Question,
-    /// One reference for each condition.
+    /// The reference of each condition.
     pub references: Vec<Reference>,
-    /// The wall at which roughness is measured, in the first condition.
+    /// The wall at which roughness is measured. It belongs to the first condition.
     pub wall: Wall,
-    /// The best filter, then the best filters below lower caps on the gain peak.
+    /// First the best filter below the requested cap, then the best filters below lower caps on the gain peak.
     pub filters: Vec<Designed>,
     pub tried: Vec<Tried>,
-    /// Roughness with Butterworth at `wall`, N.
+    /// Roughness of the force with the reference at `wall`, in N.
     pub reference_roughness_n: Option<f64>,
 }
 
-/// Settings that all walks share.
+/// What all walks share: how they run, and what is called after each.
 struct Walker<'a, D> {
     how: How<'a>,
     done: D,
 }
 
 impl<D: Fn(&Boundary) + Sync> Walker<'_, D> {
-    /// Boundaries by condition, then by filter.
+    /// Walks the filters in each scene. Returns the boundaries, ordered by condition, then by filter.
     fn walk(
         &self,
         scenes: &[PreparedScene],
@@ -197,7 +199,7 @@ fn of_numbers<const N: usize>(
         scenes.iter().map(PreparedScene::new).collect()
     };
     let fine = prepared(&scenes)?;
-    // Butterworth low-passes have another form than two biquads. So the low-passes need their own scenes.
+    // A Butterworth low-pass does not have the form of two biquads. So the low-passes need scenes of their own.
     let plain: Vec<Scene> = question.conditions.iter().map(|c| with_low_pass(&c.scene)).collect();
     let references = references(&walker, &question, &prepared(&plain)?)?;
     let cutoffs: Vec<VelocitySettings> = references.iter().map(Reference::settings).collect();
@@ -268,7 +270,7 @@ fn of_numbers<const N: usize>(
 }
 
 impl Question {
-    /// The starts of a walk: `starts`, or only one start if the question has one repeat.
+    /// The positions at which walks start. They are `starts`, or a single position if the question has one repeat.
     fn spread<'a>(&self, starts: &'a [f64]) -> &'a [f64] {
         if self.repeats == 1 { &[0.0] } else { starts }
     }
@@ -280,7 +282,7 @@ impl Reference {
     }
 }
 
-/// The smallest ratio of area to scale, and its index.
+/// Divides each area by its scale. Returns the smallest ratio and its index.
 fn worth(areas: impl Iterator<Item = f64>, scale: &[f64]) -> (f64, usize) {
     let shares = areas.zip(scale).map(|(area, scale)| area / scale).enumerate();
     let least = shares.min_by(|a, b| a.1.total_cmp(&b.1));
@@ -292,10 +294,11 @@ struct Search<'a, D, const N: usize> {
     question: &'a Question,
     scene: &'a Scene,
     scenes: Vec<PreparedScene>,
-    /// The reference's area on the grid of the search, by condition.
+    /// The area of the reference on the grid of the search, for each condition.
     scale: Vec<f64>,
     wall: Wall,
-    /// Whether a filter is within the limits of roughness and mistuning. The key is the filter's parameters.
+    /// Known answers of `keeps`: whether a filter is within the limits of roughness and mistuning. The key is the
+    /// filter's parameters.
     kept: RefCell<HashMap<[u64; PARAMETERS], bool>>,
 }
 
@@ -311,7 +314,7 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Search<'_, D, N> {
         Ok((0..shapes.len()).map(|n| worth(areas(n), &self.scale).0).collect())
     }
 
-    /// Whether a filter is within the limits of roughness and mistuning.
+    /// Whether a filter is within the limits of roughness and mistuning. `own` is the area of the filter itself.
     fn keeps(&self, shape: &Shape, own: f64) -> Result<bool, Error> {
         let Question { roughness_n, mistuned_share, .. } = self.question;
         if roughness_n.is_none() && mistuned_share.is_none() {
@@ -347,7 +350,7 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Field<N> for Search<'_, D, N> {
 
     fn peak_db(&self, place: &Place<N>) -> f64 {
         let shape = self.shape(place);
-        // A filter's numbers have four digits, so the limit has a tolerance of 1e-9.
+        // A filter's parameters are rounded to four digits, so the limit has a tolerance of 1e-9.
         if self.question.delay_s.is_some_and(|most| -shape.led_s() > most + 1e-9) {
             return f64::INFINITY;
         }
@@ -365,17 +368,17 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Field<N> for Search<'_, D, N> {
     }
 }
 
-/// The last walks, which are on the scenes' own grids.
+/// The last walks of a design. They use the scenes' own grids.
 struct Last<'a, D> {
     walker: &'a Walker<'a, D>,
     question: &'a Question,
     scenes: &'a [PreparedScene],
-    /// Areas of the references, by condition.
+    /// The area of the reference for each condition.
     scale: Vec<f64>,
 }
 
 impl<D: Fn(&Boundary) + Sync> Last<'_, D> {
-    /// The best filter below each cap, and its boundaries by condition.
+    /// Chooses the best filter below each cap. Returns each filter with its boundaries in each condition.
     fn choose(
         &self,
         tried: [&[Tried]; 2],

@@ -1,4 +1,5 @@
-//! The reference for designed filters: Butterworth at its best cutoff. Also the grids and the wall of the comparison.
+//! The reference for designed filters: Butterworth at its best cutoff. This file also has the grids and the wall of the
+//! comparison.
 
 use std::sync::atomic::AtomicBool;
 
@@ -20,7 +21,7 @@ use crate::{
     },
 };
 
-/// The scene with the biquad estimator that all filters use.
+/// The scene with the biquad estimator. All designed filters use this estimator.
 pub(super) fn with_biquad(scene: &Scene, numbers: usize) -> Scene {
     let second = Second { ratio: 1.0, damping: 1.0, lead_s: 0.0, zero: 0.0 };
     let own = Shape {
@@ -38,8 +39,8 @@ pub(super) fn with_low_pass(scene: &Scene) -> Scene {
     with_filter(scene, &settings)
 }
 
-/// The best cutoff of `[sweep]` in each condition, from one start on the scene's grid. The boundaries at this cutoff
-/// are then walked from all starts.
+/// Finds the best cutoff of `[sweep]` in each condition. For this search, each cutoff is walked from one start on the
+/// scene's grid. The best cutoff is then walked from all starts.
 pub(super) fn references<D: Fn(&Boundary) + Sync>(
     walker: &Walker<'_, D>,
     question: &Question,
@@ -92,7 +93,7 @@ pub(super) fn wall(scene: &Scene, references: &[Reference]) -> Wall {
     Wall::half_of(boundaries, scene, damping_of(boundaries, scene))
 }
 
-/// Mean roughness of a filter at the wall, N; `None` if the wall is not stable.
+/// Mean roughness of the force with a filter at the wall, in N. `None` if the wall is not stable.
 pub(super) fn rough(
     scene: &Scene,
     settings: &VelocitySettings,

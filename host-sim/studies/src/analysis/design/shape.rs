@@ -1,5 +1,5 @@
 //! A filter of the search. Its parameters are the four numbers of `biquad` or the eight of `biquad-2`. This module also
-//! has the ranges of the parameters, and values that follow from the parameters directly.
+//! has the ranges of the parameters, and values that are computed from the parameters without a walk.
 
 use std::f64::consts::PI;
 
@@ -15,48 +15,49 @@ use crate::{
 /// Number of parameters of a section.
 pub const NUMBERS: usize = 4;
 
-/// Frequency range of the search, as a share of the rate: 30 to 2000 Hz at 10 kHz.
+/// Frequencies that the search may use, as a fraction of the sample rate. At 10 kHz they are 30 to 2000 Hz.
 const FREQUENCY: [f64; 2] = [3e-3, 0.2];
-/// Damping ratio range of the search.
+/// Damping ratios that the search may use.
 const DAMPING: [f64; 2] = [0.02, 3.0];
-/// Range of the ratio of the pole frequencies, second section divided by first section.
+/// Range of the pole frequency of the second section, divided by the pole frequency of the first section.
 const RATIO: [f64; 2] = [0.25, 8.0];
-/// Frequency of a second section without effect, as a share of the rate. With a lower frequency the sum of coefficients
-/// would overflow.
+/// Frequency of a second section that has no effect, as a fraction of the sample rate. With a lower frequency the sum
+/// of coefficients would overflow.
 const FREE: f64 = 0.1;
-/// Lead range in units of `1 / w`, where w is the frequency of the poles. A Butterworth low-pass has a lead of -1.4.
+/// Leads that the search may use, in units of `1 / w`, where w is the frequency of the poles. A Butterworth low-pass
+/// has a lead of -1.4.
 const LEAD: [f64; 2] = [-2.0, 4.0];
-/// Largest lead of the second zero, in units of `1 / w`.
+/// Largest lead that the second zero may add, in units of `1 / w`.
 const SECOND: f64 = 3.0;
-/// Number of frequencies at which the gain is computed, up to half the rate.
+/// The gain is computed at this number of frequencies up to half the sample rate.
 const LOOKS: u32 = 400;
-/// Lowest frequency at which the gain is computed, as a share of half the rate.
+/// Lowest frequency at which the gain is computed, as a fraction of half the sample rate.
 const LOWEST: f64 = 1e-3;
 
-/// The parameters of `estimator = "biquad"`.
+/// The parameters of `estimator = "biquad"`, and those of a second section if there is one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Shape {
-    /// Frequency of the poles, Hz.
+    /// Frequency of the poles, in Hz.
     pub frequency_hz: f64,
     /// Damping ratio of the poles.
     pub damping: f64,
-    /// Lead of the velocity in a slow motion, s.
+    /// Lead of the estimate in a slow motion, in s.
     pub lead_s: f64,
-    /// Second zero, in the z plane.
+    /// The second zero, as a point in the z-plane.
     pub zero: f64,
     pub second: Option<Second>,
 }
 
-/// The second section's parameters of `estimator = "biquad-2"`.
+/// The parameters that `estimator = "biquad-2"` has for its second section.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Second {
     /// Frequency of the second section's poles, divided by the frequency of the first section's poles.
     pub ratio: f64,
     /// Damping ratio of the second section's poles.
     pub damping: f64,
-    /// Lead of the second section in a slow motion, s.
+    /// Lead that the second section adds in a slow motion, in s.
     pub lead_s: f64,
-    /// Second zero of the second section, in the z plane.
+    /// The second zero of the second section, as a point in the z-plane.
     pub zero: f64,
 }
 
@@ -65,15 +66,15 @@ fn between([low, high]: [f64; 2], part: f64) -> f64 {
 }
 
 impl Shape {
-    /// The filter at a point of the search. Each coordinate is 0 to 1. Each parameter is rounded to four digits or
-    /// less. Eight coordinates give two sections.
+    /// The filter that belongs to a point of the search. Each coordinate is 0 to 1. Each parameter is rounded to four
+    /// digits or less. Eight coordinates give two sections.
     pub fn at(place: &[f64], rate_hz: f64) -> Self {
         let number = |n: usize| place.get(n).copied().unwrap_or_default();
         let of = |n: usize, frequency_hz: f64| {
             let per_sample = 2.0 * PI * frequency_hz / rate_hz;
             let lead = LEAD[0] + (LEAD[1] - LEAD[0]) * number(n + 1);
-            // The second zero's lead grows with the square of the coordinate. So low leads, for which the zero moves
-            // fast, have finer steps.
+            // The lead of the second zero grows with the square of the coordinate. At low leads the zero moves fast. So
+            // the steps are finer there.
             let h = -0.5 + number(n + 2).powi(2) * (0.5 + SECOND / per_sample);
             let zero = (h / (1.0 + h) * 1e4).round() / 1e4;
             [rounded(between(DAMPING, number(n)), 3), rounded(lead / per_sample / rate_hz, 4), zero]
@@ -88,8 +89,8 @@ impl Shape {
         Self { frequency_hz, damping, lead_s, zero, second }
     }
 
-    /// Sets the second section without effect: its two poles are equal, and both zeros are on these poles. The
-    /// frequency of the second section must be in the range of the search.
+    /// Changes a point so that its second section has no effect: its two poles are equal, and both zeros are on these
+    /// poles. The frequency of the second section must be in the range of the search.
     pub fn without_second(place: &mut [f64], rate_hz: f64) {
         let ratio = FREE * rate_hz / Self::at(place, rate_hz).frequency_hz;
         let ratio = (ratio / RATIO[0]).ln() / (RATIO[1] / RATIO[0]).ln();
@@ -122,23 +123,23 @@ impl Shape {
         }
     }
 
-    /// Sum of the leads of both sections in a slow motion, s.
+    /// Lead of both sections together in a slow motion, in s.
     pub fn led_s(&self) -> f64 {
         self.lead_s + self.second.map_or(0.0, |second| second.lead_s)
     }
 
-    /// Response from the position to the velocity; `None` if the core refuses the filter.
+    /// Response from the position to the estimate; `None` if the core refuses the filter.
     pub fn response(&self, design: &Design) -> Option<TransferFunction> {
         transfer_function(&self.settings(), design).ok().flatten()
     }
 
-    /// Largest gain of the estimate against the true velocity, dB; `None` if the core refuses the filter.
+    /// Largest gain from the true velocity to the estimate, in dB. `None` if the core refuses the filter.
     pub fn gain_peak_db(&self, design: &Design) -> Option<f64> {
         self.response(design).map(|response| gain_peak_db(&response, design.rate_hz))
     }
 
-    /// The same filter with its frequencies or its dampings multiplied by a factor. The leads stay within the range of
-    /// the core.
+    /// The same filter with its frequencies or its damping ratios multiplied by a factor. `place` says which of the
+    /// two. The leads stay within the range of the core.
     fn off(&self, place: usize, factor: f64, design: &Design) -> Option<Self> {
         let mut other = *self;
         match place {
@@ -160,14 +161,14 @@ impl Shape {
         other.settings().build(design).is_ok().then_some(other)
     }
 
-    /// The filters with a frequency or a damping that is wrong by the factor, in both directions.
+    /// The mistuned filters: the frequencies or the damping ratios are multiplied or divided by the factor.
     pub fn mistuned(&self, by: f64, design: &Design) -> Vec<Self> {
         let ways = [0, 1].into_iter().flat_map(|place| [(place, 1.0 / by), (place, by)]);
         ways.filter_map(|(place, factor)| self.off(place, factor, design)).collect()
     }
 }
 
-/// Largest gain of an estimate against the true velocity, dB.
+/// Largest gain from the true velocity to the estimate, in dB.
 pub fn gain_peak_db(response: &TransferFunction, rate_hz: f64) -> f64 {
     let gains = (0..=LOOKS).map(|n| {
         let w = PI * LOWEST.powf(1.0 - f64::from(n) / f64::from(LOOKS)); // rad per sample
@@ -185,7 +186,8 @@ mod tests {
     #[test]
     fn the_peak_is_that_of_a_resonance() {
         let design = NamedScene::load("paper-1um").unwrap().scene.design();
-        // Far below the rate, a second-order filter without zeros has a peak of 1 / (2 zeta sqrt(1 - zeta^2)).
+        // At frequencies far below the sample rate, a second-order filter without zeros has a peak of 1 / (2 zeta
+        // sqrt(1 - zeta^2)).
         for damping in [0.05, 0.2, 0.5] {
             let late = -2.0 * damping / (2.0 * PI * 50.0);
             let lead_s = late + 5e-5;

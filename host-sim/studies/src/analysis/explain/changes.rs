@@ -1,4 +1,4 @@
-//! Possible changes of a device, each of one element, and the cost of each change.
+//! Possible changes of a device, and the cost of each change. A change is of one element.
 
 use zwidth::velocity::EstimatorName;
 
@@ -16,11 +16,11 @@ use crate::{
 pub enum Kind {
     /// Another part must be bought.
     Part,
-    /// Another firmware, or another setting of the firmware.
+    /// The firmware or one of its settings must be changed.
     Firmware,
-    /// The change adds an element that the scene leaves out but the device may have. There is nothing to buy.
+    /// Nothing must be bought. The change adds an element that the scene leaves out but the device may have.
     LeftOut,
-    /// No change: the scene itself.
+    /// There is no change. This is the scene itself.
     Nothing,
 }
 
@@ -39,19 +39,19 @@ impl Kind {
 pub struct Change {
     /// Name in files.
     pub name: &'static str,
-    /// Description in a report, in the scene's units.
+    /// Description in a report. Its values are in the units of the scene.
     pub text: String,
     pub kind: Kind,
     pub cost: String,
-    /// Additional cycles of the Cortex-M4 per second; `None` if not measured.
+    /// Processor cycles that the change adds per second, on a Cortex-M4. `None` if they were not measured.
     pub cycles_per_s: Option<f64>,
     pub scene: Scene,
-    /// The best of these estimators is used. If the list is empty, the scene's own estimator is used.
+    /// Estimators to choose from. The best of them is used. If the list is empty, the scene's own estimator is used.
     pub estimators: Vec<EstimatorName>,
 }
 
 impl Change {
-    /// The unchanged scene.
+    /// No change: the scene as it is.
     pub fn none(scene: &Scene) -> Self {
         Self {
             name: "none",
@@ -65,21 +65,21 @@ impl Change {
     }
 }
 
-/// Name of the measured worst-case cycles of `render` on the faster board.
+/// Name of the figure with the worst-case cycles of `render`, measured on the faster board.
 const RENDER: &str = "elf/control/nucleo-f446re/render_most";
-/// Clock of the faster board, Hz.
+/// Clock of the faster board, in Hz.
 pub const CLOCK_HZ: f64 = 180e6;
-/// Amplifier bandwidth for a scene without an amplifier, Hz.
+/// Amplifier bandwidth that is added to a scene without an amplifier, in Hz.
 const AMPLIFIER_HZ: f64 = 1000.0;
-/// Cubic error of the force at full command, for a scene without an amplifier error.
+/// Amplifier error that is added to a scene without one: the cubic error of the force at full command, as a fraction.
 const CUBIC: f64 = -0.03;
-/// Gap for a scene with a second mass and without backlash, m.
+/// Gap of the backlash that is added to a scene with a second mass, in m.
 const GAP_M: f64 = 1e-4;
-/// Friction and cogging for a scene without these elements, as a share of full force.
+/// Friction or cogging that is added to a scene without it, as a share of full force.
 const DRY_SHARE: f64 = 0.01;
-/// Bits of the DAC of a scene without `[output]`.
+/// Bits of the DAC that is added to a scene without `[output]`.
 const DAC_BITS: u32 = 12;
-/// Travel from cog to cog for a scene without `[cogging]`, m.
+/// Travel from cog to cog of the cogging that is added to a scene without `[cogging]`, in m.
 const PITCH_M: f64 = 0.005;
 /// A typical MEMS accelerometer.
 const ACCELEROMETER: Accelerometer = Accelerometer {
@@ -90,21 +90,21 @@ const ACCELEROMETER: Accelerometer = Accelerometer {
     bandwidth_hz: Some(1000.0),
 };
 
-/// Worst-case cycles of one output.
+/// Worst-case cycles of one output on the faster board; `None` if they were not measured.
 fn render_cycles() -> Option<f64> {
     let table = include_str!("../../../../../docs/data/measured.csv");
     let row = table.lines().find(|line| line.split(',').next() == Some(RENDER))?;
     row.split(',').nth(1)?.parse().ok()
 }
 
-/// Cycles per second of an estimator, minus the cycles of the scene's own estimator.
+/// Cycles per second that an estimator needs in addition to those of the scene's own estimator.
 fn estimator_cycles(scene: &Scene, name: EstimatorName) -> Option<f64> {
     let cycles = |cost: Option<Cost>| cost.map(|cost| cost.cycles);
     let own = cycles(cost::of(scene.velocity.estimator()))?;
     Some((cycles(cost::of(name))? - own) * scene.control.rate_hz)
 }
 
-/// Cost of an estimator compared with the scene's own estimator.
+/// Cost of an estimator as a text, and the cycles per second that it needs in addition to the scene's own estimator.
 pub fn cost_of_estimator(scene: &Scene, name: EstimatorName) -> (String, Option<f64>) {
     let cycles_per_s = estimator_cycles(scene, name);
     let text = match cost::of(name) {
@@ -116,7 +116,7 @@ pub fn cost_of_estimator(scene: &Scene, name: EstimatorName) -> (String, Option<
     (text, cycles_per_s)
 }
 
-/// Number of counts per travel of the handle, for an encoder with this resolution.
+/// Number of counts per mm or per turn of the handle as a text. The encoder has this resolution.
 fn counts(units: Units, resolution_m: f64) -> String {
     match units {
         Units::Linear => format!("{:.0} counts per mm of handle", 1e-3 / resolution_m),
@@ -133,8 +133,8 @@ fn integrated(mut scene: Scene) -> Scene {
     scene
 }
 
-/// All changes for which the core accepts the changed scene. The changes are in the order of the loop: encoder,
-/// velocity, time, output, amplifier, motor, mechanics.
+/// All changes for which the core accepts the changed scene. They are in the order in which the loop passes the
+/// elements: encoder, velocity, time, output, amplifier, motor, mechanics.
 pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
     let mut all = vec![];
     let mut add = |name, kind, text: String, cost: String, edit: &dyn Fn(&mut Scene)| {
@@ -368,7 +368,7 @@ mod tests {
         (scene, all)
     }
 
-    /// Tables that differ between two scenes, compared as text.
+    /// Names of the tables of the scene file that differ between two scenes. The tables are compared as text.
     fn differing(one: &Scene, other: &Scene) -> Vec<String> {
         let tables = |scene: &Scene| -> BTreeMap<String, String> {
             let (mut tables, mut name) = (BTreeMap::new(), String::new());

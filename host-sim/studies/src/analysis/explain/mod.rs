@@ -46,80 +46,82 @@ use crate::{
 
 /// Number of estimators that are searched in full after the screening.
 const FINALISTS: usize = 3;
-/// Tunings in the full search of an estimator, as a multiple of the usual number.
+/// The full search of an estimator may try this many times the usual number of tunings.
 const FINAL_TUNINGS: u32 = 2;
-/// Walks of each change in addition to its search. The scene is walked with the change's tuning. The change is walked
-/// with its own tuning and with the scene's tuning.
+/// Number of walks that each change needs in addition to its search. The scene is walked with the change's tuning. The
+/// change is walked with its own tuning and with the scene's tuning.
 const POOLED: u64 = 3 * STARTS.len() as u64;
-/// Number of tunings for a plant that is integrated step by step. Walks of an integrated plant take ten times as long.
+/// Number of tunings that are tried if the plant is integrated step by step. Such a walk takes ten times as long.
 const INTEGRATED_TUNINGS: u32 = 5;
 
-/// A scene with one element changed, and its walls.
+/// A scene with one changed element, and the boundaries of its stable walls.
 #[derive(Clone, Debug)]
 pub struct Explained {
     pub change: Change,
     /// The estimator with its best tuning.
     pub settings: VelocitySettings,
-    /// Boundaries, one per start.
+    /// Boundaries with this tuning. Each start has one boundary.
     pub boundaries: Boundaries,
-    /// Boundaries by the scene's own criterion; `None` if the search used this criterion.
+    /// Boundaries by the scene's own criterion. `None` if the search already used this criterion.
     pub beside: Option<Boundaries>,
-    /// Noise of the velocity in motion, m/s RMS.
+    /// Noise of the velocity estimate in motion, in m/s RMS.
     pub noise_m_per_s: f64,
-    /// Whether the search ended because no neighbour is better. False if the search has [missed](Self::missed) a better
-    /// result.
+    /// Whether the search ended because no neighbour is better. It is false if the search has [missed](Self::missed) a
+    /// better result.
     pub settled: bool,
-    /// Share of the area that the search is known to have missed.
+    /// The share of area that the search has missed, as far as is known. The tuning of another change gives an area
+    /// that is larger by this share.
     pub missed: f64,
     /// Whether the best tuning is at an end of the search range.
     pub at_edge: bool,
-    /// Hits of the search and the result. For the best estimator, hits of all tried estimators.
+    /// Number of hits of the search and of the result. For the best estimator, the hits of all tried estimators are
+    /// counted.
     pub hits: u64,
 }
 
 impl Explained {
-    /// Mean, smallest and largest of the values of all boundaries.
+    /// Mean, smallest and largest of the values. Each boundary has one value.
     pub fn range(values: &[f64]) -> [f64; 3] {
         let of = |pick: fn(f64, f64) -> f64| values.iter().copied().reduce(pick).unwrap_or(0.0);
         [Repeats::of(values.iter().copied()).mean, of(f64::min), of(f64::max)]
     }
 
-    /// Area, N^2 s/m^2: mean, smallest, largest.
+    /// Mean, smallest and largest area of the boundaries, in N^2 s/m^2.
     pub fn area(&self) -> [f64; 3] {
         Self::range(&self.boundaries.areas())
     }
 
-    /// Largest K, N/m: mean, smallest, largest.
+    /// Mean, smallest and largest of the boundaries' largest K, in N/m.
     pub fn stiffness_peak(&self) -> [f64; 3] {
         Self::range(&self.boundaries.stiffness_peaks_n_per_m())
     }
 
-    /// K at B = `damping_n_s_per_m`, N/m: mean, smallest, largest.
+    /// Mean, smallest and largest K of the boundaries at B = `damping_n_s_per_m`, in N/m.
     pub fn stiffness_at(&self, damping_n_s_per_m: f64) -> [f64; 3] {
         Self::range(&self.boundaries.stiffnesses_at(damping_n_s_per_m))
     }
 
-    /// Area divided by the area of the unchanged scene: ratio of the means, and smallest and largest ratio over the
-    /// starts.
+    /// The area divided by the area of the unchanged scene. The first value is the ratio of the means. The others are
+    /// the smallest and the largest ratio that the starts allow.
     pub fn times(&self, base: &Self) -> Option<[f64; 3]> {
         let ([mean, low, high], [of, of_low, of_high]) = (self.area(), base.area());
         (of_low > 0.0).then(|| [mean / of, low / of_high, high / of_low])
     }
 }
 
-/// The explanation of what limits the walls of a scene.
+/// The answer to what limits the walls of a scene.
 #[derive(Clone, Debug)]
 pub struct Explanation {
     /// The unchanged scene with its best tuning.
     pub base: Explained,
-    /// The changes, the largest area first.
+    /// The changes. The one with the largest area comes first.
     pub changes: Vec<Explained>,
-    /// B at which K is read, N s/m.
+    /// The B at which K is read, in N s/m.
     pub damping_n_s_per_m: f64,
 }
 
 impl Explanation {
-    /// Rank of a change: 1 plus the number of changes that are certainly better.
+    /// Rank of the change with the index `place`. It is 1 plus the number of changes that are certainly better.
     pub fn rank(&self, place: usize) -> usize {
         let own = &self.changes[place];
         let better = |other: &&Explained| own.is_below(other);
@@ -281,7 +283,7 @@ pub fn explain(
     Ok(Explanation { base, changes: explained, damping_n_s_per_m })
 }
 
-/// A function that walks a scene with several tunings of one estimator, from the given starts.
+/// A function that makes walks. It gets a scene, several tunings of one estimator, and the starts.
 type Walks<'a> =
     dyn Fn(&Scene, &[VelocitySettings], &[f64]) -> Result<Vec<Boundaries>, Error> + Sync + 'a;
 
@@ -303,13 +305,14 @@ fn pool(
 }
 
 impl Explained {
-    /// Whether the area is certainly below another area, by more than the searches have missed.
+    /// Whether the area is certainly below another area. The difference must be larger than what the searches have
+    /// missed.
     fn is_below(&self, other: &Self) -> bool {
         let same = 1.0 / (1.0 + self.missed.max(other.missed));
         self.boundaries.repeats().is_below(same, &other.boundaries.repeats())
     }
 
-    /// Uses the best of the own tuning and `others`.
+    /// Walks the scene with the tunings `others`. Uses the best of these tunings and the own tuning.
     fn try_at(
         &mut self,
         walks: &Walks<'_>,
@@ -342,7 +345,7 @@ mod tests {
     use super::*;
     use crate::scene::NamedScene;
 
-    /// A short hit on a coarse grid, for a fast test.
+    /// A scene with a short hit and a coarse grid, so that the test is fast.
     fn scene() -> Scene {
         let mut scene = NamedScene::load("paper-2um").unwrap().scene;
         (scene.wall_hit.settle_s, scene.wall_hit.window_s) = (1.0, 0.1);
@@ -373,8 +376,8 @@ mod tests {
             let before = place.checked_sub(1).map(|before| one.changes[before].area()[0]);
             assert!(before.is_none_or(|before| before >= a.area()[0]));
         }
-        // Half the latency gives more area, and an additional amplifier gives less area. Both areas differ from the
-        // area of the unchanged scene.
+        // Half the latency gives more area. An additional amplifier gives less area. Both areas differ from that of the
+        // unchanged scene.
         let of = |name: &str| {
             let is_it = |one: &&Explained| one.change.name == name;
             one.changes.iter().find(is_it).unwrap()

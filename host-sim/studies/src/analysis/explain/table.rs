@@ -9,10 +9,10 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// Smallest missed share of the area that is reported.
+/// A missed area is reported from this share on.
 const MISSED: f64 = 0.01;
 
-/// The value with three digits, also for values below 1.
+/// The value with three significant digits. Values below 1 have them too.
 pub fn digits(value: f64) -> String {
     if value.abs() < 0.995 { rounded(value, 3).to_string() } else { three_digits(value) }
 }
@@ -26,7 +26,7 @@ pub struct Row<'a> {
     pub of: &'a Explanation,
 }
 
-/// The columns. For each value, the mean over the starts comes before the smallest and the largest value.
+/// The columns. A value with a range has three columns: the mean over the starts, the smallest and the largest value.
 impl Row<'_> {
     const COLUMNS: [Told<Self>; 32] = [
         ("rank", Kind::Whole, |row| Cell::count(row.rank)),
@@ -69,13 +69,13 @@ impl Row<'_> {
         ("cost", Kind::Text, |row| row.one.change.cost.clone().into()),
     ];
 
-    /// Area divided by the area of the unchanged scene: ratio of the means, and smallest and largest ratio over the
-    /// starts.
+    /// The area divided by the area of the unchanged scene. The first value is the ratio of the means. The others are
+    /// the smallest and the largest ratio that the starts allow. `None` for the unchanged scene itself.
     pub fn times(&self) -> Option<[f64; 3]> {
         self.one.times(&self.of.base).filter(|_| self.one.change.kind != ChangeKind::Nothing)
     }
 
-    /// Comparison with the unchanged scene: `yes`, `worse` or `unsure`.
+    /// Whether the change is better than the unchanged scene: `yes`, `worse` or `unsure`.
     pub fn better(&self) -> &'static str {
         match self.one.change.kind {
             ChangeKind::Nothing => "",
@@ -90,12 +90,12 @@ impl Row<'_> {
         self.one.beside.as_ref().map(Boundaries::area)
     }
 
-    /// K at the B of the comparison: mean, smallest, largest.
+    /// Mean, smallest and largest K at the B of the comparison.
     pub fn stiffness(&self) -> [f64; 3] {
         self.one.stiffness_at(self.of.damping_n_s_per_m)
     }
 
-    /// Additional cycles as a share of a Cortex-M4.
+    /// The cycles that the change adds, as a share of the cycles of a Cortex-M4.
     pub fn share_of_core(&self) -> Option<f64> {
         self.one.change.cycles_per_s.map(|cycles| cycles / CLOCK_HZ)
     }
@@ -119,7 +119,7 @@ impl Explanation {
         Table::of(&Row::COLUMNS, &self.rows())
     }
 
-    /// Every point of every walk.
+    /// A table of all boundaries. It has every point of every walk.
     pub fn boundaries(&self) -> Table {
         let all = [&self.base].into_iter().chain(&self.changes);
         Boundaries::table("change", all.map(|one| (one.change.name.into(), &one.boundaries)))

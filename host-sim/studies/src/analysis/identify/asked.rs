@@ -17,33 +17,33 @@ use crate::{
     scene::{NamedScene, Scene, Units, ranges},
 };
 
-/// Allowed `--encoder-cycle`, m; the same range as in a scene.
+/// Values in m that `--encoder-cycle` may have. A scene allows the same range.
 const CYCLE_M: RangeInclusive<f64> = 1e-8..=1.0;
-/// Allowed `--resolution` except 0, m; the same range as in a scene.
+/// Values in m that `--resolution` may have. A scene allows the same range. The option may also be 0.
 const RESOLUTION_M: RangeInclusive<f64> = 1e-8..=1e-3;
 
-/// Sources of the force per volt; only one may be given.
+/// The options that say how large the force per volt is. They belong to several sources. Only one source may be given.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GainAsked {
-    /// Force per volt, N/V, or in the units of the options.
+    /// Force per volt, in N/V or in the units of the options.
     pub gain: Option<f64>,
-    /// k_t of gain = k_t k_amp / r_c, N m/A.
+    /// Torque constant k_t in N m/A. The gain is k_t k_amp / r_c.
     pub torque_constant: Option<f64>,
-    /// k_amp of gain = k_t k_amp / r_c, A/V.
+    /// Amplifier gain k_amp in A/V. The gain is k_t k_amp / r_c.
     pub amplifier_gain: Option<f64>,
-    /// r_c of gain = k_t k_amp / r_c, m.
+    /// Drum radius r_c in m. The gain is k_t k_amp / r_c.
     pub drum_radius: Option<f64>,
-    /// Mass of a weight that the motor holds, kg.
+    /// Mass of a weight that the motor holds, in kg.
     pub calibration_mass: Option<f64>,
-    /// Voltage that holds this weight still, V.
+    /// Voltage with which the motor holds this weight still, in V.
     pub calibration_voltage: Option<f64>,
-    /// Mass that was added to the device for the second record, kg.
+    /// Mass that was added to the device for the second record, in kg.
     pub added_mass: Option<f64>,
 }
 
 impl GainAsked {
-    /// The source of the gain that the options give. If the options give no source, the source of a rotary base scene
-    /// is used. A log with the force needs no source.
+    /// Says where the gain comes from, according to the options. If they name no source and the base scene is rotary,
+    /// the base scene's gain is used. A log with the force needs no source.
     ///
     /// # Errors
     /// No source, several sources or an incomplete source is given, or the source does not fit the log.
@@ -104,19 +104,19 @@ impl GainAsked {
     }
 }
 
-/// Options except the force per volt.
+/// The options of an identification, except those for the force per volt.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Asked {
-    /// Time from a row to the effect of its command, rows of the log. Default: the base scene's latency.
+    /// Time until the command of a row acts, in rows of the log. The default is the base scene's latency.
     pub latency: Option<f64>,
     pub fit_latency: bool,
     pub spring: bool,
-    /// Terms in addition to mass, damping and spring.
+    /// Terms that are fitted in addition to mass, damping and spring.
     pub terms: Terms,
-    /// Rest position of the spring without any other force, m or in the units of the options. The next two lengths have
-    /// the same units.
+    /// Position at which the spring rests if no other force acts, in m or in the units of the options. The next two
+    /// lengths have the same units.
     pub rest_position: Option<f64>,
-    /// Travel per cycle of the encoder's signals.
+    /// Distance over which the encoder's signals repeat.
     pub encoder_cycle: Option<f64>,
     /// Size of a count; 0 for a sensor without counts.
     pub resolution: Option<f64>,
@@ -124,8 +124,8 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// The options with the base scene's values. Gain and a latency in rows are missing, because they depend on the
-    /// logs. `said_in` is the unit of lengths.
+    /// The options, completed with values of the base scene. The gain and a latency in rows are still missing, because
+    /// they depend on the logs. `said_in` is the unit of lengths.
     ///
     /// # Errors
     /// An option is out of range.
@@ -187,7 +187,7 @@ pub fn read_all(
     Ok((records, options))
 }
 
-/// The options with values that depend on the records.
+/// Completes the options with values that depend on the records.
 pub(super) fn of_records(
     mut options: Options,
     (asked, gain): (&Asked, &GainAsked),
@@ -211,7 +211,7 @@ pub(super) fn of_records(
     Ok(options)
 }
 
-/// A record from a file in any accepted format. Messages call the base scene `base_name`.
+/// Reads a record from a file in any accepted format. Error messages name the base scene with `base_name`.
 ///
 /// # Errors
 /// The file cannot be read, or is no record.
@@ -233,7 +233,7 @@ pub fn read(
     record.map_err(|error| Error::Input(error).of(&name))
 }
 
-/// Names for a rotary record: each pair has the linear name of a column or an option, and the rotary name.
+/// Texts of messages that must change for a rotary record. Each pair has the linear text and the rotary text.
 const NAMES: [(&str, &str); 4] = [
     ("position_m is in m: are these mm?", "position_rad is in rad: are these degrees?"),
     ("position_m in m", "position_rad in rad"),
@@ -252,7 +252,7 @@ fn said(units: Units, text: &str) -> String {
     }
 }
 
-/// Calls [`identify`](super::identify) for a base scene in `units`. Messages are in these units.
+/// Calls [`identify`](super::identify) for a base scene in `units`. Error messages and warnings use these units too.
 ///
 /// # Errors
 /// The records are not sufficient, or `stop` was set.

@@ -1,4 +1,4 @@
-//! Checks of a record before and after the fit. Each refusal states its reason.
+//! Checks a record before and after the fit. Each refusal says its reason.
 
 use super::{
     Drive, Options,
@@ -8,16 +8,17 @@ use super::{
 };
 use crate::{range::refused, scene::ranges};
 
-/// Smallest travel of a record, counts.
+/// A record must travel over at least this number of counts.
 const FEWEST_COUNTS: f64 = 20.0;
-/// Largest distance of a position from a whole count, counts. This tolerance allows the rounding of printed numbers.
+/// A position may be this far from a whole count, in counts. The tolerance allows for the rounding of printed numbers.
 const OFF_GRID_MAX: f64 = 0.01;
-/// Smallest change of the voltage that excites the device, as a part of the limit.
+/// The voltage must change by at least this share of its limit. Otherwise it does not excite the device.
 const EXCITATION_MIN: f64 = 1e-4;
-/// Smallest part of the motion's variance that the model must explain. With a smaller part, effects outside the model
+/// The model must explain at least this share of the motion's variance. If it explains less, effects outside the model
 /// are as large as the parameters themselves.
 pub(super) const EXPLAINED_MIN: f64 = 0.99;
-/// A parameter counts as 0 if its largest effect on the response over the whole record is below this part.
+/// A parameter counts as 0 if its effect on the response is below this share. The largest effect over the whole record
+/// counts.
 const NEGLIGIBLE: f64 = 0.1;
 
 /// Refuses a record that cannot be fitted.
@@ -54,9 +55,9 @@ pub(super) fn before(record: &Record, first: usize, options: &Options) -> Result
     if resolution_m > 0.0 { on_grid(record, resolution_m) } else { Ok(()) }
 }
 
-/// Refuses positions that are no counts of an encoder with this resolution.
+/// Refuses positions that cannot be counts of an encoder with this resolution.
 fn on_grid(record: &Record, resolution_m: f64) -> Result<(), String> {
-    // A zero that software has set need not be at a count.
+    // Software may have set the zero of the positions, so the zero need not be at a count.
     let first = record.position_m[0] / resolution_m;
     let counts = record.position_m.iter().map(|x| x / resolution_m);
     let off = |count: &f64| (count - first - (count - first).round()).abs();
@@ -86,7 +87,7 @@ fn gcd(a: u64, b: u64) -> u64 {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// Refuses a model that does not follow the motion.
+/// Refuses the fit if the model does not follow the motion.
 pub(super) fn explains(rms_m: f64, motion_rms_m: f64) -> Result<(), String> {
     let explained = 1.0 - (rms_m / motion_rms_m).powi(2);
     if explained >= EXPLAINED_MIN {
@@ -100,8 +101,8 @@ pub(super) fn explains(rms_m: f64, motion_rms_m: f64) -> Result<(), String> {
     ))
 }
 
-/// Message of a record that does not show the mass. `explained` is the part of the variance that a device without a
-/// mass explains.
+/// Error message for a record that does not show the mass. `explained` is the share of the variance that a device
+/// without a mass explains.
 pub(super) fn not_driven(explained: Option<f64>) -> String {
     match explained {
         Some(explained) if explained >= EXPLAINED_MIN => format!(
@@ -120,7 +121,7 @@ const USUAL_KG: std::ops::RangeInclusive<f64> = 0.005..=20.0;
 const USUAL_FORCE_N: f64 = 500.0;
 const USUAL_SPEED_M_PER_S: f64 = 20.0;
 
-/// Warnings about values that a hand-held device cannot have, each with the likely cause.
+/// Warnings about values that a hand-held device cannot have. Each names the likely cause.
 pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<String> {
     let mut questions = vec![];
     if !USUAL_KG.contains(&mass_kg) {
@@ -140,15 +141,16 @@ pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<S
     questions
 }
 
-/// Smallest step, counts, and smallest ratio of a step to the RMS of the steps around it.
+/// A step is reported if it has at least this size in counts, and at least this ratio to the RMS of the steps around
+/// it.
 const STEP_COUNTS: f64 = 3.0;
 const STEP_PER_RMS: f64 = 6.0;
-/// Rows on each side that are compared with a step, and rows for which the new level must last.
+/// A step is compared with this number of rows on each side. The new level must last for the number of rows below.
 const AROUND: usize = 50;
 const STAYS: usize = 5;
 
-/// Row (after the first) at which the residual makes a lasting step, and the size of the step, counts. A force cannot
-/// cause a step of the position.
+/// Finds a lasting step of the residual. Returns the row after the first at which it is, and its size in counts. A
+/// force cannot cause such a step of the position.
 pub(super) fn step(residual_counts: &[f64]) -> Option<(usize, f64)> {
     let steps: Vec<f64> = residual_counts.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let middle = |rows: &[f64]| {
@@ -211,7 +213,7 @@ pub(super) fn after(
         ));
     }
     if damping.low() <= 0.0 {
-        // A damping b changes the response over the record by about b seconds / m. Friction can hide this change.
+        // A damping b changes the response over the record by about `b seconds / m`. Friction can hide this change.
         let is_friction = |one: &Tested| one.term == Term::Friction && one.p < FAMILY_P;
         let has_loss = found.is_widened || tests.iter().any(is_friction);
         if !has_loss && damping.half_width * seconds > NEGLIGIBLE * mass.value {
@@ -253,8 +255,8 @@ pub(super) fn after(
     }
 }
 
-/// Refuses a latency below minus one row of `step_s`. A negative latency above this limit gives a warning, because
-/// noise or the log's time stamps can cause a small negative value.
+/// Refuses a latency below `-step_s`, where `step_s` is the time between rows. A negative latency above this limit
+/// gives a warning, because noise or the log's time stamps can cause a small negative value.
 pub(super) fn early(latency: &Estimate, step_s: f64) -> Result<String, String> {
     let found = with(latency, "s");
     if latency.high() < -step_s {

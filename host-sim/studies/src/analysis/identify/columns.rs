@@ -1,4 +1,4 @@
-//! Finds the columns for time, command and position in a log, by names and units.
+//! Finds the columns of a log for time, command and position. The names and units in the header tell which they are.
 //!
 //! A header is a quantity and its unit, such as `voltage_v`, `Voltage (V)` or `time [ms]`. Capital letters, blanks,
 //! brackets and signs are ignored. docs/identification.md has the table.
@@ -7,20 +7,20 @@ use std::fmt;
 
 use crate::scene::Units;
 
-/// Kind of the command in a log.
+/// What the command in a log is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drive {
-    /// Voltage at the amplifier's input, V; the gain is in N/V.
+    /// Voltage at the amplifier's input, in V. The gain is in N/V.
     #[default]
     Voltage,
-    /// Force at the handle, N, or torque at the axis, N m. There is no gain.
+    /// Force at the handle in N, or torque at the axis in N m. There is no gain.
     Force,
-    /// Current of the motor, A; the gain is in N/A.
+    /// Current of the motor, in A. The gain is in N/A.
     Current,
 }
 
 impl Drive {
-    /// Unit of the command, as in "force per volt".
+    /// The command in words, as in "force per volt".
     pub fn per(self) -> &'static str {
         match self {
             Self::Voltage => "volt",
@@ -59,7 +59,7 @@ enum Quantity {
 }
 use Quantity::{Angle, Command, Counts, Length, Time, Torque};
 
-/// Accepted names of each quantity.
+/// Accepted names, and the quantities that each may stand for.
 const NAMES: [(&str, &[Quantity]); 13] = [
     ("time", &[Time]),
     ("t", &[Time]),
@@ -76,7 +76,7 @@ const NAMES: [(&str, &[Quantity]); 13] = [
     ("encoder", &[Counts]),
 ];
 
-/// Units, and their factors to SI units.
+/// Accepted units. Each has its quantity and its factor to the SI unit.
 const UNITS: [(&str, Quantity, f64); 26] = [
     ("s", Time, 1.0),
     ("sec", Time, 1.0),
@@ -106,8 +106,8 @@ const UNITS: [(&str, Quantity, f64); 26] = [
     ("cts", Counts, 1.0),
 ];
 
-/// Quantity of a header, and its factor to SI units. `None` for an unknown name. An error if the unit is missing or
-/// belongs to another quantity.
+/// Reads the quantity of a header and its factor to SI units. Returns `None` if the name is unknown. Returns an error
+/// if the unit is missing or belongs to another quantity.
 fn meant(header: &str) -> Option<Result<(Quantity, f64), String>> {
     let lower = header.to_lowercase().replace(['µ', 'μ'], "u");
     let words: Vec<&str> = lower
@@ -131,7 +131,8 @@ pub(super) fn is_time(header: &str) -> bool {
 
 #[derive(Debug, PartialEq)]
 pub(super) struct Columns<'a> {
-    /// Header name and factor of the time (to s), the command (to the drive's unit) and the position (to m).
+    /// Header and factor of three columns. The factors convert the time to s, the command to the unit of `drive`, and
+    /// the position to m.
     pub of: [(&'a str, f64); 3],
     pub drive: Drive,
 }
@@ -140,7 +141,7 @@ impl<'a> Columns<'a> {
     /// Finds the columns in a header. A count is `resolution_m` long, if the sensor has counts.
     ///
     /// # Errors
-    /// One line: which column is missing, appears twice or has no unit.
+    /// The message has one line. It says which column is missing, appears twice or has no unit.
     pub(super) fn find(
         header: &'a [String],
         units: Units,

@@ -35,9 +35,9 @@ use super::{
 };
 use crate::interrupt;
 
-/// Probability that an interval contains the true value.
+/// Probability with which an interval contains the true value.
 pub const CONFIDENCE: f64 = 0.95;
-/// Largest condition number of the scaled derivatives. With a larger number the parameters cannot be distinguished.
+/// Largest allowed condition number of the scaled derivatives. If it is larger, the parameters cannot be distinguished.
 const CONDITION_MAX: f64 = 1e8;
 /// The weakest direction has a component for each parameter. An error message names a parameter if its component is at
 /// least this part of the largest component.
@@ -51,7 +51,8 @@ const FAR_OUTSIDE: f64 = 3.0;
 pub struct Estimate {
     pub value: f64,
     pub half_width: f64,
-    /// Half-width for white noise with the residual's RMS; never above the stated half-width.
+    /// Half-width if the residual is white noise. It is computed from the residual's RMS, and is never above
+    /// `half_width`.
     pub white_half_width: f64,
 }
 
@@ -79,23 +80,25 @@ impl Estimate {
 pub(super) struct Estimates {
     pub mass: Estimate,
     pub damping: Estimate,
-    /// Stiffness, N/m, and rest position from the reference, m.
+    /// Stiffness in N/m, and rest position in m, measured from the reference.
     pub spring: Option<[Estimate; 2]>,
     pub gain: Option<Estimate>,
     pub latency: Option<Estimate>,
     pub friction: Option<Estimate>,
-    /// Time constant of the amplifier, s.
+    /// Time constant of the amplifier, in s.
     pub lag: Option<Estimate>,
     pub offset: Option<Estimate>,
-    /// Rise of friction from Coulomb to static friction, N, static friction, N, and Stribeck speed, m/s.
+    /// Three values of Stribeck friction: static minus Coulomb friction in N, static friction in N, and Stribeck speed
+    /// in m/s.
     pub stribeck: Option<[Estimate; 3]>,
-    /// Cogging: amplitude, N, phase at position 0, rad, and pitch, m.
+    /// Three values of cogging: amplitude in N, phase at position 0 in rad, and pitch in m.
     pub cogging: Option<[Estimate; 3]>,
-    /// Encoder error: amplitudes once and twice per cycle, m, phase at position 0, rad, and cycle, m.
+    /// Four values of the encoder's error: amplitude of the part that repeats once per cycle and of the part that
+    /// repeats twice, in m, phase at position 0 in rad, and cycle in m.
     pub phase: Option<[Estimate; 4]>,
-    /// Largest ratio of a stated interval to the interval for white noise.
+    /// The largest ratio of an interval's half-width to its half-width for white noise.
     pub widening: f64,
-    /// An interval was widened by a term that is not in the model.
+    /// Whether a term that is not in the model has widened an interval.
     pub is_widened: bool,
     pub joint: Joint,
 }
@@ -124,7 +127,7 @@ impl Estimates {
         self.follow(&before);
     }
 
-    /// Widens the joint error by the factors by which the intervals have grown since `before`.
+    /// Widens the joint error as much as the intervals have grown. `before` has the intervals before they grew.
     fn follow(&mut self, before: &Self) {
         let wider = self.numbers().into_iter().zip(before.numbers());
         for (deviation, wider) in self.joint.deviations.iter_mut().zip(wider) {
@@ -136,7 +139,8 @@ impl Estimates {
         }
     }
 
-    /// Widens the intervals to contain the values of `other`, which explains the record as well as `own`.
+    /// Widens the intervals until they contain the values `other`. These values explain the record as well as `own`
+    /// does.
     pub fn reach(&mut self, own: &Values, other: &Values) {
         let [before, after] = [own, other].map(|values| (values, values.layout()));
         let of = |(values, layout): (&Values, &Layout)| {
@@ -186,39 +190,40 @@ impl Estimates {
     }
 }
 
-/// The parameters of a wave over the position: sine and cosine at the reference, and cycles per metre.
+/// The parameters of a wave over the position: the sine part and the cosine part at the reference, and the cycles per
+/// metre.
 const COGS: [Parameter; 3] = [CogSine, CogCosine, CogCycles];
 const ENCODER: [Parameter; 3] = [Sine, Cosine, Cycles];
 
-/// Amplitude, phase at position 0, and cycle of a wave.
+/// Amplitude of a wave, its phase at position 0, and the length of its cycle.
 fn wave(values: &Values, parameters: [Parameter; 3]) -> [f64; 3] {
     let [sine, cosine, cycles] = parameters.map(|one| values.of(one));
     let phase = cosine.atan2(sine) - TAU * values.layout().reference_m * cycles;
     [sine.hypot(cosine), phase, 1.0 / cycles]
 }
 
-/// Half-width of an interval divided by the standard error, for many rows.
+/// Half-width of an interval divided by the standard error, if the record has many rows.
 pub(super) fn quantile() -> f64 {
     Normal::standard().inverse_cdf(f64::midpoint(1.0, CONFIDENCE))
 }
 
-/// Standard error of an estimate from many rows.
+/// Standard error of an estimate, computed from its interval. It holds for many rows.
 pub(super) fn standard_error(estimate: &Estimate) -> f64 {
     estimate.half_width / quantile()
 }
 
-/// A parameter outside the model.
+/// A parameter that is not part of the model.
 pub(super) struct Hidden {
-    /// Derivative of the positions by the parameter.
+    /// Derivative of the positions with respect to the parameter.
     pub by: DVector<f64>,
-    /// Part of the derivative that is orthogonal to the model's own derivatives.
+    /// The part of this derivative that is orthogonal to the model's own derivatives.
     pub left: DVector<f64>,
-    /// Largest possible size of the parameter, for any record.
+    /// The parameter is never larger than this, whatever the record is.
     pub most: f64,
 }
 
-/// The estimates of a solution. A `hidden` parameter may have any size that the record allows. If this parameter could
-/// move a value far outside the interval of the value, this interval is widened to contain the change.
+/// The estimates of a solution. A `hidden` parameter may have any size that the record allows. Suppose that it could
+/// move a value far outside of the value's interval. Then the interval is widened to contain the change.
 ///
 /// # Errors
 /// The record cannot distinguish some parameters, or `stop` was set. The message names these parameters.
@@ -333,8 +338,8 @@ pub(super) fn estimates(
     })
 }
 
-/// Joint error of the device's parameters, from the stated half-widths. These parameters are the first in
-/// `half_widths`.
+/// Joint error of the device's parameters. It is computed from the half-widths of the intervals. In `half_widths` these
+/// parameters come first.
 fn joint(layout: &Layout, correlations: &[Vec<f64>], half_widths: &[[f64; 2]]) -> Joint {
     let free = |parameter| layout.place(parameter).is_some();
     let fitted: [bool; NUMBERS] = [
@@ -358,7 +363,8 @@ fn joint(layout: &Layout, correlations: &[Vec<f64>], half_widths: &[[f64; 2]]) -
     joint
 }
 
-/// Gradient of each estimate at the solution: pairs of a fitted parameter's index and its derivative.
+/// Gradient of each estimate at the solution. A gradient is a list of pairs: the index of a fitted parameter, and the
+/// derivative with respect to it.
 fn gradients(values: &Values) -> Vec<Vec<(usize, f64)>> {
     let layout = values.layout();
     let place = |parameter| layout.place(parameter);
@@ -395,7 +401,8 @@ fn gradients(values: &Values) -> Vec<Vec<(usize, f64)>> {
     all
 }
 
-/// Change of each estimate by a position error of one unit at each row.
+/// How much each estimate changes if the position of one row has an error of one unit. The result has a value for each
+/// row.
 fn influence(solution: &Solution, unit_m: f64) -> Result<DMatrix<f64>, String> {
     let (layout, count) = (solution.values.layout(), solution.values.vector().len());
     let mut jacobian = solution.jacobian.clone();
@@ -428,7 +435,8 @@ fn influence(solution: &Solution, unit_m: f64) -> Result<DMatrix<f64>, String> {
     Ok(jacobian * inner * unit_m)
 }
 
-/// Message with the parameters along the direction about which the record has the least information.
+/// Error message that names the parameters which the record cannot distinguish. They lie along the direction about
+/// which the record has the least information.
 fn indistinguishable(
     svd: &nalgebra::SVD<f64, nalgebra::Dyn, nalgebra::Dyn>,
     layout: &Layout,
@@ -454,7 +462,7 @@ fn names(layout: &Layout, count: usize) -> Vec<&'static str> {
     names
 }
 
-/// Variance of an estimate from the residual itself, with the residual's correlation in time.
+/// Variance of an estimate. It is computed from the residual itself, including the residual's correlation in time.
 fn robust(column: &[f64], (errors, pieces): (&[f64], &[Piece<'_>]), stop: &AtomicBool) -> f64 {
     let scores: Vec<f64> = column.iter().zip(errors).map(|(q, r)| q * r).collect();
     let mut rest = &scores[..];

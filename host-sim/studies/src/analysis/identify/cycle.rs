@@ -9,24 +9,25 @@
 use super::fit::Fitted;
 use crate::numerics::fft::RealSpectrum;
 
-/// Shortest cycle of the search, bins.
+/// Shortest cycle that the search finds, in bins.
 const SHORTEST: usize = 8;
-/// Smallest number of cycles in the travel.
+/// The travel must have at least this number of cycles.
 const FEWEST: usize = 4;
 const BINS_MAX: f64 = 65_536.0;
-/// Number of neighbours on each side for the comparison.
+/// A line is compared with this number of neighbours on each side.
 const NEIGHBOURS: usize = 16;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Line {
     pub cycles_per_m: f64,
-    /// Number of examined cycles.
+    /// Number of cycles that were examined.
     pub looked_at: f64,
-    /// Power divided by the median power of the neighbours.
+    /// Power of the line divided by the median power of its neighbours.
     pub strength: f64,
 }
 
-/// The strongest line of `errors`, or the known cycle. `None` if the range of positions is too small.
+/// Finds the strongest line in the spectrum of `errors`, or the line of a known cycle. `None` if the range of positions
+/// is too small.
 pub(super) fn strongest(
     records: &[Fitted<'_>],
     (errors, unit_m): (&[f64], f64),

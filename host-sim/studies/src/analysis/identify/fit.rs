@@ -28,31 +28,32 @@ use super::{
     weighting::Weighting,
 };
 
-/// Evaluations per parameter before the solver gives up. The solver usually needs about five evaluations in total.
+/// The solver gives up after this number of evaluations per parameter. It usually needs about five evaluations in
+/// total.
 const PATIENCE: usize = 50;
-/// Evaluations per parameter with terms. The limit is lower, because failed searches are frequent and each evaluation
-/// takes longer.
+/// The same limit for a fit with further terms. It is lower, because such searches fail often and each evaluation takes
+/// longer.
 const PATIENCE_OF_TERMS: usize = 8;
-/// The search with differences ends below this relative change of the sum of squares or of the values.
+/// A search with derivatives by differences ends when the sum of squares or the values change by less than this share.
 const TOLERANCE: f64 = 1e-10;
-/// Replaces a model value that is not finite, so that the solver takes a shorter step.
+/// This value replaces a model value that is not finite. The solver then takes a shorter step.
 const FAR: f64 = 1e100;
 
-/// Change of a parameter for a derivative by differences, as a part of its resolution.
+/// For a derivative by differences, a parameter changes by this share of its resolution.
 const DIFFERENCE: f64 = 1e-6;
-/// The same change if the motion is computed in short stretches.
+/// The same share if the motion is computed in short stretches.
 const DIFFERENCE_CURVED: f64 = 1e-4;
-/// Number of times that derivatives are computed again as differences. For these differences, the parameters change by
-/// their standard errors.
+/// Derivatives are computed again as differences at most this many times. For these differences, the parameters change
+/// by their standard errors.
 const SECANTS: usize = 6;
-/// Relative change below which two sets of derivatives count as equal.
+/// Two sets of derivatives count as equal if they differ by less than this share.
 const SECANT_SAME: f64 = 0.02;
 
-/// Number of Gauss-Newton steps, and number of halvings of one step.
+/// Largest number of Gauss-Newton steps, and of halvings of one step.
 const POLISHES: usize = 20;
 const HALVINGS: i32 = 6;
-/// Smallest useful reduction of the sum of squares, as a part of the mean square. The second value is for a fit with
-/// one fixed value.
+/// A step is useful if it reduces the sum of squares by at least this share of the mean square. The second constant is
+/// for a fit with one fixed value.
 const POLISHED: f64 = 1e-2;
 const PROFILED: f64 = 0.1;
 
@@ -60,13 +61,13 @@ const PROFILED: f64 = 0.1;
 #[derive(Clone, Debug)]
 pub(super) struct Fitted<'a> {
     pub record: &'a Record,
-    /// Position at each row from the reference, m. If the quantiser rounds down, half a count is added.
+    /// Position of each row in m, measured from the reference. If the quantiser rounds down, half a count is added.
     pub positions_m: Vec<f64>,
-    /// First fitted row. At earlier rows, commands from before the record still act.
+    /// First row that is fitted. Commands from before the record still act at earlier rows, so these are left out.
     pub first: usize,
-    /// Mass that was added to the device, kg.
+    /// Mass that was added to the device for this record, in kg.
     pub added_kg: f64,
-    /// Set to end the search.
+    /// Becomes true when the search must stop.
     pub stop: &'a AtomicBool,
 }
 
@@ -90,7 +91,7 @@ pub(super) struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// Mass of the handle with the added mass.
+    /// Mass of the handle in a record, including the mass that was added.
     fn mass(&self, index: usize) -> f64 {
         self.values.of(Mass) + self.records[index].added_kg
     }
@@ -110,7 +111,7 @@ impl Problem<'_> {
         }
     }
 
-    /// The motion in [`super::motion`], with dry friction and a slow amplifier.
+    /// The parameters of the motion in [`super::motion`]. That motion has dry friction and a slow amplifier.
     pub(super) fn motion(&self, index: usize) -> Motion {
         let Reduced { w, d, gain, offset, x, v, latency } = self.reduced(index);
         let [friction_n, lag_s] = self.values.slow();
@@ -123,7 +124,7 @@ impl Problem<'_> {
         Motion { w, d, gain, offset, friction, stribeck, cogging, lag_s, x, v, latency }
     }
 
-    /// Adds the encoder's error to positions from the reference, m.
+    /// Adds the encoder's error to positions. The positions are in m, measured from the reference.
     fn add_error(&self, positions_m: &mut [f64]) {
         let [sine, cosine, second, cycles_per_m] =
             [Sine, Cosine, Second, Cycles].map(|parameter| self.values.of(parameter));
@@ -145,14 +146,16 @@ impl Problem<'_> {
         (sane && self.values.vector().iter().all(|value| value.is_finite())).then_some(reduced)
     }
 
-    /// The model at each fitted row of a record; `None` if the model is not finite or the mass is not positive.
+    /// The position and speed of the model at each fitted row of a record. `None` if the model is not finite or the
+    /// mass is not positive.
     fn points(&self, index: usize) -> Option<Vec<Point>> {
         let reduced = self.sane(index)?;
         let points = response(self.records[index].record, self.records[index].first, &reduced);
         points.iter().all(|point| point.x.abs() < FAR).then_some(points)
     }
 
-    /// The reading at each fitted row of a record; `None` if [`points`](Self::points) returns `None`.
+    /// What the encoder of the model reads at each fitted row of a record. `None` if [`points`](Self::points) returns
+    /// `None`.
     fn readings(&self, index: usize) -> Option<Vec<f64>> {
         let Fitted { record, first, .. } = &self.records[index];
         let terms = self.values.layout().terms;
@@ -167,7 +170,7 @@ impl Problem<'_> {
         positions_m.iter().all(|x| x.abs() < FAR).then_some(positions_m)
     }
 
-    /// Fills the rows of the derivatives by the parameters.
+    /// Fills the rows of one record in `jacobian`, the derivatives with respect to the parameters.
     fn fill(&self, index: usize, points: &[Point], top: usize, jacobian: &mut DMatrix<f64>) {
         let (reduced, mass, layout) = (self.reduced(index), self.mass(index), self.values.layout());
         let [stiffness, constant, gain, latency] =
@@ -201,7 +204,8 @@ impl Problem<'_> {
         }
     }
 
-    /// Changes of the parameters for the derivatives: parts of the mass, the largest force and the motion.
+    /// How much each parameter changes for a derivative by differences. The changes are shares of the mass, the largest
+    /// force and the motion.
     fn differences(&self) -> Vec<f64> {
         let (mass, gain) = (self.values.of(Mass), self.values.of(Gain));
         let all = |pick: fn(&Record) -> &[f64]| -> f64 {
@@ -239,7 +243,8 @@ impl Problem<'_> {
         all
     }
 
-    /// Derivatives of the residuals by small one-sided differences, so that friction and lag stay above 0.
+    /// Derivatives of the residuals by small differences. The parameters are only increased, so that friction and lag
+    /// stay above 0.
     pub(super) fn by_differences(&self) -> Option<DMatrix<f64>> {
         let middle = self.stacked()?;
         let mut jacobian = DMatrix::zeros(self.rows(), self.values.vector().len());
@@ -261,8 +266,8 @@ impl Problem<'_> {
     }
 
     /// Continues to the minimum by Gauss-Newton steps. The derivatives are differences over a change of one standard
-    /// error, because derivatives at one point fail where the model has kinks. Returns the derivatives at the minimum;
-    /// `None` if no minimum is reached. With `is_done`, the last derivatives are returned instead of `None`.
+    /// error, because derivatives at one point fail where the model has kinks. Returns the derivatives at the minimum,
+    /// or `None` if no minimum is reached. If `is_done` is true, it returns the last derivatives instead of `None`.
     fn polish(&mut self, is_done: bool) -> Option<DMatrix<f64>> {
         let mut residual = self.residuals()?;
         let mut jacobian = self.by_differences()?;
@@ -312,9 +317,9 @@ impl Problem<'_> {
         jacobian
     }
 
-    /// Derivatives as differences over a change of one standard error, along the principal axes of `jacobian`. Stick
-    /// and slip of friction give the model several kinks within an interval. So the derivative at one point does not
-    /// represent the interval.
+    /// Computes the derivatives as differences. The parameters change by one standard error along the principal axes of
+    /// `jacobian`. Stick and slip of friction give the model several kinks within an interval. So the derivative at one
+    /// point does not represent the interval.
     fn secants(&self, jacobian: &DMatrix<f64>, deviation_m: f64) -> Option<DMatrix<f64>> {
         let scales: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
         let mut scaled = jacobian.clone();
@@ -381,7 +386,7 @@ impl Problem<'_> {
         Some((self.values, residual.norm_squared()))
     }
 
-    /// All weighted readings of the model, record by record.
+    /// What the model reads at all fitted rows, weighted. The records follow each other.
     fn stacked(&self) -> Option<DVector<f64>> {
         let mut all = Vec::with_capacity(self.rows());
         for index in 0..self.records.len() {
@@ -445,7 +450,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 }
 
-/// RMS of the motion around its mean, over all records.
+/// RMS of the measured motion around its mean. All records are taken together.
 pub(super) fn motion(fitted: &[Fitted<'_>]) -> f64 {
     let (mut squares, mut rows) = (0.0, 0.0);
     for Fitted { positions_m, first, .. } in fitted {
@@ -457,11 +462,11 @@ pub(super) fn motion(fitted: &[Fitted<'_>]) -> f64 {
     (squares / rows).sqrt()
 }
 
-/// The solution with its residual (measured minus model) and its derivatives.
+/// The solution of a fit with its residual and its derivatives. The residual is the measured value minus the model.
 pub(super) struct Solution {
     pub values: Values,
     pub residual_m: DVector<f64>,
-    /// Weighted residual; then the derivatives.
+    /// The weighted residual.
     pub weighed_m: DVector<f64>,
     pub jacobian: DMatrix<f64>,
     pub evaluations: usize,
@@ -497,14 +502,14 @@ pub(super) fn solve(problem: Problem<'_>) -> Result<Solution, String> {
     Ok(Solution { values: problem.values, residual_m, weighed_m, jacobian, evaluations })
 }
 
-/// Standard error of one value, if the error of each row is 1.
+/// Standard error of one value, if each row has an error of 1.
 pub(super) fn deviation(jacobian: &DMatrix<f64>, place: usize) -> f64 {
     let others = jacobian.clone().remove_column(place);
     let own = jacobian.column(place).into_owned();
     least_squares_step(&others, &own).map_or(0.0, |step| 1.0 / (own - others * step).norm())
 }
 
-/// The Gauss-Newton step. To move to the minimum, subtract this step from the values.
+/// The Gauss-Newton step. Subtract it from the values to move to the minimum.
 fn least_squares_step(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
     let mut scaled = jacobian.clone();
     let scales: Vec<f64> =

@@ -1,4 +1,4 @@
-//! Source of the force per volt: a given value, motor and amplifier, a weight, or a record with an added mass.
+//! Where the force per volt comes from: a given value, motor and amplifier, a weight, or a record with an added mass.
 //!
 //! One record gives mass, damping and stiffness only relative to the gain, because the equation of motion can be
 //! divided by the gain. So the gain needs another source, or a second record with a known added mass.
@@ -10,38 +10,38 @@ const GRAVITY_M_PER_S2: f64 = 9.806_65;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Gain {
-    /// A given value, N/V.
+    /// The user gives the value in N/V.
     Given(f64),
-    /// No gain: the log has the force itself.
+    /// There is no gain, because the log has the force itself.
     Force,
-    /// From motor and amplifier (paper, section 2.2.2): `k_t k_amp / r_c`.
+    /// The gain follows from motor and amplifier (paper, section 2.2.2): `k_t k_amp / r_c`.
     Motor {
-        /// Torque constant k_t, N m/A.
+        /// Torque constant k_t, in N m/A.
         torque_constant_n_m_per_a: f64,
-        /// Amplifier gain k_amp, A/V.
+        /// Amplifier gain k_amp, in A/V.
         amplifier_a_per_v: f64,
-        /// Radius of the capstan drum r_c, m.
+        /// Radius r_c of the capstan drum, in m.
         drum_radius_m: f64,
     },
-    /// From the voltage that holds a hanging weight.
+    /// The gain follows from the voltage with which the motor holds a hanging weight.
     Weight {
         mass_kg: f64,
-        /// Voltage that holds the weight still, V; its sign does not matter.
+        /// Voltage with which the motor holds the weight still, in V. Its sign does not matter.
         voltage_v: f64,
     },
-    /// From the fit: the second record has an added mass.
+    /// The gain is fitted. For this the second record has an added mass.
     AddedMass {
-        /// Added mass, kg.
+        /// Mass that was added, in kg.
         mass_kg: f64,
     },
 }
 
 impl Gain {
-    /// Force per volt, N/V, if it is known without a fit. For a log with the current: force per ampere, N/A. For a log
-    /// with the force: 1.
+    /// Force per volt in N/V; `None` if it must be fitted. For a log with the current it is the force per ampere in
+    /// N/A. For a log with the force it is 1.
     ///
     /// # Errors
-    /// One line: the gain is out of range.
+    /// The gain is out of range. The message has one line.
     pub fn known_n_per_v(&self) -> Result<Option<f64>, String> {
         let (value, what) = match *self {
             Self::Given(value) => (value, "--gain"),

@@ -1,4 +1,5 @@
-//! First values for the fit, from the record alone: linear regression on the equation of motion, integrated twice.
+//! Finds first values for the fit from the record alone. It uses linear regression on the equation of motion, which is
+//! integrated twice.
 //!
 //! ```text
 //! x = x1 + (v1 + d x1) t - d I(x) - w I(I(x)) + g I(I(u)) + o t^2 / 2       I = integral from the first row
@@ -16,7 +17,7 @@ use super::{
 /// Largest number of rows in a regression. More rows do not improve a first value.
 const ROWS: usize = 4000;
 
-/// Time, position and integrals at one row.
+/// Time and position at one row, and the integrals up to this row.
 struct Sums {
     t: f64,
     x: f64,
@@ -26,7 +27,8 @@ struct Sums {
     u2: f64,
 }
 
-/// Reduced parameters of a record, with positions from a reference. `None` if the equations have no solution.
+/// First values of a record's reduced parameters. `positions_m` is measured from a reference. `None` if the equations
+/// have no solution.
 pub(super) fn guess(
     record: &Record,
     positions_m: &[f64],
@@ -39,8 +41,8 @@ pub(super) fn guess(
     Some(Reduced { w, d, gain, offset, x, v: slope - d * x, latency })
 }
 
-/// Part of the motion's variance that a device without a mass explains. `None` if the regression finds no motion in the
-/// direction of the voltage.
+/// The share of the motion's variance that a device without a mass explains. `None` if the regression finds no motion
+/// in the direction of the voltage.
 pub(super) fn without_mass(
     record: &Record,
     positions_m: &[f64],
@@ -52,18 +54,18 @@ pub(super) fn without_mass(
     (drive > 0.0).then_some(explained)
 }
 
-/// Numbers of windows in a record. Short windows suit devices that oscillate or reverse often. Long windows reduce
-/// noise.
+/// A record is divided into this many windows, one division after the other. Short windows suit devices that oscillate
+/// or reverse often. Long windows reduce noise.
 pub(super) const WINDOWS: [usize; 3] = [400, 100, 25];
-/// Fewest rows of a window.
+/// A window has at least this number of rows.
 const WINDOW_ROWS: usize = 12;
-/// Smallest number of windows in motion.
+/// At least this number of windows must be in motion.
 const FEWEST_WINDOWS: usize = 8;
-/// Smallest motion of a quarter window, as a part of the motion in the fastest window.
+/// A window is in motion if each quarter moves at least this share of the motion in the fastest window.
 const IN_MOTION: f64 = 0.02;
 
 /// Weight over a window. The weight and its first two derivatives are 0 at both ends. The position `s` in the window is
-/// from -1 to 1. Returns the weight's integral, its value, and its first and second derivative.
+/// from -1 to 1. Returns four values: the weight's integral, the weight, and its first and second derivative.
 fn weight(s: f64) -> [f64; 4] {
     let (s2, left) = (s * s, 1.0 - s * s);
     [
@@ -74,10 +76,10 @@ fn weight(s: f64) -> [f64; 4] {
     ]
 }
 
-/// Reduced parameters and friction per mass, for a device that may stick. The equation of motion times a weight is
-/// integrated by parts over windows in which the handle moves in one direction. So no measured value is differentiated
-/// (Shinbrot, Trans. ASME 79 (1957) 579). `None` if there are too few windows, or if no window shows motion in the
-/// direction of the force.
+/// First values of the reduced parameters and of the friction per mass, for a device that may stick. The equation of
+/// motion times a weight is integrated by parts over windows in which the handle moves in one direction. So no measured
+/// value is differentiated (Shinbrot, Trans. ASME 79 (1957) 579). `None` if there are too few windows, or if no window
+/// shows motion in the direction of the force.
 pub(super) fn moving(
     (record, positions_m, first): (&Record, &[f64], usize),
     latency: f64,
@@ -122,7 +124,7 @@ pub(super) fn moving(
         return None;
     }
     let all = 2.0 * weight(1.0)[0] * half_s;
-    // A column of zeros has no effect.
+    // A parameter whose column is zero has no effect.
     let mut table = DMatrix::from_fn(windows.len(), 5, |row, column| {
         let (quarters, [_, x1, x0, volts]) = &windows[row];
         let constant = if constant { all } else { 0.0 };
@@ -145,7 +147,7 @@ pub(super) fn moving(
     (gain > 0.0 && gain.is_finite()).then_some((reduced, friction))
 }
 
-/// Position and speed at the first row, from a parabola through the first rows.
+/// Position and speed at the first row. They come from a parabola that is fitted to the first rows.
 fn begins(record: &Record, positions_m: &[f64], first: usize, rows: usize) -> Option<[f64; 2]> {
     let rows = rows.min(record.len() - first);
     let table = DMatrix::from_fn(rows, 3, |row, power| {
@@ -156,7 +158,8 @@ fn begins(record: &Record, positions_m: &[f64], first: usize, rows: usize) -> Op
     Some([found[0], found[1] / (rows as f64 * record.step_s)])
 }
 
-/// Least squares without the directions whose singular values are at most `least`. `None` if a value is not finite.
+/// Solves a least-squares problem. Directions with a singular value of at most `least` are left out. `None` if a value
+/// is not finite.
 pub(super) fn least_squares(
     table: DMatrix<f64>,
     wanted: &DVector<f64>,
@@ -189,7 +192,7 @@ fn integrate(record: &Record, positions_m: &[f64], first: usize, latency: f64) -
     kept
 }
 
-/// Coefficients of the columns, and the explained part of the variance of x.
+/// Coefficients of the columns, and the share of the variance of x that they explain.
 fn regress<const N: usize>(
     sums: &[Sums],
     columns: impl Fn(&Sums) -> [f64; N],

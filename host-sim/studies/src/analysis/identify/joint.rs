@@ -1,6 +1,6 @@
-//! Joint error of the estimates, for devices that are drawn at random from an identification. An error of the positions
-//! changes mass, damping and latency together. Values that are drawn independently would give devices that do not fit
-//! the record.
+//! The joint error of the estimates. It is needed to draw random devices from an identification. An error of the
+//! positions changes mass, damping and latency together. Values that are drawn independently would give devices that do
+//! not fit the record.
 
 use std::f64::consts::{PI, TAU};
 
@@ -13,7 +13,7 @@ use crate::scene::{Scene, Uncertainty};
 /// Number of a device's parameters, in the order of [`Uncertainty::NAMES`]. The latency is in seconds.
 pub(super) const NUMBERS: usize = Uncertainty::NAMES.len();
 
-/// Standard deviations and correlations of the fitted parameters; 0 for all other parameters.
+/// Standard deviations and correlations of the fitted parameters. For all other parameters they are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Joint {
     /// Standard deviations: the half-widths divided by `confidence::quantile`.
@@ -21,15 +21,15 @@ pub struct Joint {
     pub correlations: [[f64; NUMBERS]; NUMBERS],
 }
 
-/// Indices of the parameters that are proportional to the gain.
+/// Indices of the parameters that change in proportion to the gain.
 const BY_GAIN: [usize; 3] = [0, 1, 2];
 const GAIN: usize = 4;
 const LATENCY: usize = 5;
 
 impl Joint {
-    /// The uncertainty of `base`, with new values for the fitted parameters. The latency is in samples of the scene
-    /// `made`. If the gain is given and the command is a voltage, mass, damping and stiffness also get the gain's
-    /// uncertainty from `base`.
+    /// Takes the uncertainty of `base` and replaces the values of the fitted parameters. The latency is in samples of
+    /// the scene `made`. If the gain is given and the command is a voltage, mass, damping and stiffness also get the
+    /// gain's uncertainty from `base`.
     pub fn uncertainty(
         &self,
         base: Option<&Uncertainty>,
@@ -93,14 +93,15 @@ impl Joint {
     }
 }
 
-/// Model of the position error, for residuals in counts: white noise and the quantiser's sawtooth.
+/// Model of the position error: white noise and the sawtooth of the quantiser. The residuals are in counts.
 pub(super) struct ErrorModel {
     white: f64,
-    /// Squared shares of the sawtooth's harmonics.
+    /// Power of each harmonic of the sawtooth.
     harmonics: Vec<f64>,
 }
 
-/// An estimate's row q of `(J' J)^-1 J'`, and `sum of q(n) exp(2 pi i h x(n))` for each record and harmonic.
+/// What the variance of an estimate needs: its row q of `(J' J)^-1 J'`, and `sum of q(n) exp(2 pi i h x(n))` for each
+/// record and harmonic.
 pub(super) struct Seen<'a> {
     column: &'a [f64],
     sums: Vec<[f64; 2]>,
@@ -119,7 +120,7 @@ impl ErrorModel {
         Self { white: (variance - harmonics.iter().sum::<f64>()).max(0.0), harmonics }
     }
 
-    /// The response of an estimate to this error.
+    /// Prepares the sums with which the variance of one estimate is computed.
     pub fn seen<'a>(&self, column: &'a [f64], pieces: &[Piece<'_>]) -> Seen<'a> {
         let mut all = vec![];
         let mut rest = column;
@@ -195,7 +196,7 @@ mod tests {
                 assert!((is / was - 1.0).abs() < 1e-5, "{is} {was}");
             }
         }
-        // Parameters that are fitted again get a new uncertainty, with linear or rotary names.
+        // Parameters that are fitted again get a new uncertainty. Its names may be linear or rotary.
         let again = Uncertainty {
             correlations: vec![
                 ("inertia_kg_m2".into(), "latency".into(), 0.9),

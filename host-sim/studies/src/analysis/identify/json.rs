@@ -29,7 +29,7 @@ pub struct Json<'a> {
     warnings: &'a [String],
 }
 
-/// A value and its interval. For a given value, both ends are the value.
+/// A value and its interval. If the value was given, both ends of the interval are the value.
 #[derive(Serialize)]
 struct Interval {
     value: f64,
@@ -45,7 +45,7 @@ impl From<Estimate> for Interval {
     }
 }
 
-/// The terms in addition to mass, damping and spring; absent if there are none.
+/// The terms that are fitted in addition to mass, damping and spring. The key is absent if there are none.
 #[derive(Serialize)]
 struct TermsJson {
     friction_n: Option<Interval>,

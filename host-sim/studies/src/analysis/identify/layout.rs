@@ -7,35 +7,36 @@ use self::Parameter::{
     Latency, Mass, Rise, Second, Sine, Stiffness,
 };
 
-/// Indices of the parameters that every fit has.
+/// Indices of the two parameters that every fit has.
 pub(super) const MASS: usize = 0;
 pub(super) const DAMPING: usize = 1;
-/// Parameters of the device, in the order of the vector. Position and speed of each record follow.
+/// Parameters of the device, in the order of the vector of values. In the vector, the position and the speed of each
+/// record follow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Parameter {
     Mass,
     Damping,
     Stiffness,
-    /// k (x0 - reference). If x0 is known or there is no spring: the offset force.
+    /// The force `k (x0 - reference)`. If x0 is known or there is no spring, it is the offset force.
     Constant,
     Gain,
     Latency,
-    /// Force of Coulomb friction, N.
+    /// Force of Coulomb friction, in N.
     Friction,
-    /// Time constant of the amplifier, s.
+    /// Time constant of the amplifier, in s.
     Lag,
-    /// Static friction minus Coulomb friction, N.
+    /// Static friction minus Coulomb friction, in N.
     Rise,
-    /// Speed over which the friction falls from static to Coulomb friction, m/s.
+    /// Speed over which the friction falls from static to Coulomb friction, in m/s.
     Fall,
-    /// Encoder error once per cycle: sine and cosine at the reference, m.
+    /// The encoder's error that repeats once per cycle: its sine part and cosine part at the reference, in m.
     Sine,
     Cosine,
     /// Cycles of the encoder's error per metre.
     Cycles,
-    /// Amplitude of the encoder error twice per cycle, m.
+    /// Amplitude of the encoder's error that repeats twice per cycle, in m.
     Second,
-    /// Cogging: sine and cosine at the reference, N, and cogs per metre.
+    /// Cogging: its sine part and cosine part at the reference in N, and the cogs per metre.
     CogSine,
     CogCosine,
     CogCycles,
@@ -48,7 +49,7 @@ pub(super) const PARAMETERS: [Parameter; 17] = [
 ];
 
 impl Parameter {
-    /// Name in error messages.
+    /// Name of the parameter in error messages.
     pub(super) fn name(self) -> &'static str {
         match self {
             Mass => "mass",
@@ -70,28 +71,28 @@ impl Parameter {
     }
 }
 
-/// Selection of the fitted parameters, and values of the other parameters.
+/// Which parameters are fitted, and the values of the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Layout {
-    /// The device has a spring. Without a spring, k is 0.
+    /// Whether the device has a spring. Without a spring, k is 0.
     pub spring: bool,
-    /// Rest position from the reference, m, if known.
+    /// Rest position in m, measured from the reference; `None` if it is fitted.
     pub rest_m: Option<f64>,
-    /// Force per volt, N/V, if known.
+    /// Force per volt in N/V; `None` if it is fitted.
     pub gain: Option<f64>,
-    /// Latency, s, if known.
+    /// Latency in s; `None` if it is fitted.
     pub latency_s: Option<f64>,
     /// Terms in addition to mass, damping and spring.
     pub terms: Included,
-    /// Cycles per metre of the encoder's signals, if known.
+    /// Cycles of the encoder's signals per metre; `None` if they are fitted.
     pub cycles_per_m: Option<f64>,
-    /// Cogs per metre, if known.
+    /// Cogs per metre; `None` if they are fitted.
     pub cogs_per_m: Option<f64>,
-    /// Reference of the positions, m.
+    /// Position in m from which all positions of the fit are measured.
     pub reference_m: f64,
     pub records: usize,
-    /// Bit set of the records in which friction holds the handle at the first row. The first speed of these records is
-    /// 0.
+    /// The records in which friction holds the handle at the first row. Bit n stands for record n. The first speed of
+    /// these records is 0.
     pub resting: u64,
 }
 
@@ -101,20 +102,21 @@ pub(super) struct Included {
     pub lag: bool,
     pub offset: bool,
     pub phase: bool,
-    /// The second harmonic of the phase error.
+    /// Whether the encoder's error also has a part that repeats twice per cycle.
     pub second: bool,
-    /// Friction that falls with the speed.
+    /// Whether the friction falls with the speed.
     pub stribeck: bool,
     pub cogging: bool,
 }
 
 impl Included {
-    /// Whether the model is linear, as in the paper. The derivatives of a linear model are exact.
+    /// Whether the model is linear, as the paper's model is. The derivatives of a linear model are exact.
     pub(super) fn plain(self) -> bool {
         !(self.friction || self.lag || self.phase || self.cogging)
     }
 
-    /// Whether friction falls with the speed, or there is cogging. If so, one step of the motion is not exact.
+    /// Whether friction falls with the speed, or there is cogging. With these forces, one step of the motion is not
+    /// exact.
     pub(super) fn is_curved(self) -> bool {
         self.stribeck || self.cogging
     }
@@ -144,23 +146,23 @@ impl Layout {
         PARAMETERS.into_iter().filter(|parameter| self.has(*parameter))
     }
 
-    /// Index of a parameter in the vector, if it is fitted.
+    /// Index of a parameter in the vector of values; `None` if it is not fitted.
     pub(super) fn place(&self, parameter: Parameter) -> Option<usize> {
         self.fitted().position(|fitted| fitted == parameter)
     }
 
-    /// Index of a record's first position.
+    /// Index of a record's first position in the vector of values.
     pub(super) fn position_place(&self, record: usize) -> usize {
         let before = (0..record).filter(|record| self.rests(*record)).count();
         self.fitted().count() + 2 * record - before
     }
 
-    /// Index of a record's first speed, if it is fitted.
+    /// Index of a record's first speed in the vector of values; `None` if it is not fitted.
     pub(super) fn speed_place(&self, record: usize) -> Option<usize> {
         (!self.rests(record)).then(|| self.position_place(record) + 1)
     }
 
-    /// Whether friction holds the handle at the first row. False for a model without friction.
+    /// Whether friction holds the handle at the first row of a record. This is false if the model has no friction.
     fn rests(&self, record: usize) -> bool {
         self.terms.friction && record < 64 && self.resting >> record & 1 == 1
     }
@@ -182,7 +184,7 @@ impl Layout {
     }
 }
 
-/// The values of a layout's parameters. [`within`](Self::within) converts the values to another layout.
+/// Values of the parameters that a [`Layout`] selects. [`within`](Self::within) converts them to another layout.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Values {
     layout: Layout,
@@ -211,7 +213,7 @@ impl Values {
         self.layout.place(parameter).map(|place| self.vector[place])
     }
 
-    /// Fitted or known value; 0 if the parameter is not in the model.
+    /// The value of a parameter, fitted or known. It is 0 if the parameter is not in the model.
     pub(super) fn of(&self, parameter: Parameter) -> f64 {
         self.fitted(parameter).unwrap_or_else(|| self.layout.known(parameter))
     }
@@ -237,14 +239,15 @@ impl Values {
         }
     }
 
-    /// k, N/m, and the constant force, N: k (x0 - reference) plus the offset force.
+    /// The stiffness k in N/m, and the constant force in N. The constant force is k (x0 - reference) plus the offset
+    /// force.
     pub(super) fn spring(&self) -> [f64; 2] {
         let stiffness = self.of(Stiffness);
         let known = self.layout.rest_m.map_or(0.0, |rest_m| stiffness * rest_m);
         [stiffness, self.fitted(Constant).map_or(known, |constant| known + constant)]
     }
 
-    /// Friction, N, and time constant of the amplifier, s; both are at least 0.
+    /// Friction in N, and time constant of the amplifier in s. Both are at least 0.
     pub(super) fn slow(&self) -> [f64; 2] {
         [Friction, Lag].map(|parameter| self.of(parameter).max(0.0))
     }
@@ -262,8 +265,8 @@ impl Values {
         for parameter in layout.fitted() {
             values.set(parameter, self.of(parameter));
         }
-        // If x0 is known in only one of the two layouts, c = k (x0 - reference) becomes an offset force, or the
-        // reverse.
+        // If x0 is known in only one of the two layouts, the constant changes its meaning: c = k (x0 - reference)
+        // becomes an offset force, or the reverse.
         let [stiffness, constant] = self.spring();
         values.set(Constant, constant - layout.rest_m.map_or(0.0, |rest_m| stiffness * rest_m));
         for record in 0..layout.records {

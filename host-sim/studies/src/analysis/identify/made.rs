@@ -18,10 +18,10 @@ use crate::{
 /// The base scene with the identified device.
 #[derive(Clone, Debug)]
 pub struct Made {
-    /// The scene in linear units at the handle.
+    /// The scene. Its values are in linear units at the handle.
     pub scene: Scene,
     pub notes: Vec<String>,
-    /// The tables of a rotary scene's file.
+    /// The tables of the scene file if the scene is rotary.
     rotary: Option<Table>,
 }
 
@@ -43,7 +43,7 @@ impl Made {
         Ok(Self { scene, notes, rotary: Some(tables) })
     }
 
-    /// The checked scene, with the text of its file.
+    /// Checks the scene. Returns it with the text of its file.
     /// # Errors
     /// A value of the scene is not allowed. The error names `base_name` and the identified device.
     pub fn named(&self, base_name: &str) -> Result<NamedScene, Error> {
@@ -65,7 +65,7 @@ impl Serialize for Made {
     }
 }
 
-/// The identified scene in linear units at the handle.
+/// The base scene with the identified values, in linear units at the handle.
 fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
     let mut scene = base.clone();
     scene.device.mass_kg = found.mass_kg.value;

@@ -3,7 +3,7 @@
 //! A residual from noise is white (Ljung and Box, `residual`). A residual from quantisation is not white, even if the
 //! model is right. So the residual is compared with [`COPIES`] simulated residuals, the copies. For a copy, the
 //! modelled motion starts at a random point within a count. Noise is added, with a standard deviation that is estimated
-//! from the sawtooth. The sum is quantised. The part that a fit would remove is subtracted.
+//! from the sawtooth. The sum is quantised. The part of the copy that a fit would remove is subtracted.
 //!
 //! Three measures are compared: the mean square, the mean square of the means over [`BLOCKS`] stretches, and the mean
 //! square with the weights of the fit. The third measure is necessary, because a long rest hides the motion in the
@@ -18,33 +18,34 @@ use super::residual::{Residual, Weighed};
 use crate::numerics::random;
 
 const COPIES: u64 = 40;
-/// Number of stretches of a record for the means.
+/// A record is divided into this number of stretches. The mean of each stretch is computed.
 const BLOCKS: usize = 200;
-/// Number of standard deviations beyond which a residual does not agree with the model.
+/// A residual does not agree with the model if its measure is beyond this number of standard deviations.
 const BEYOND: f64 = 6.0;
-/// Smallest ratio of mean squares that gives a warning.
+/// A smaller ratio of mean squares gives no warning.
 const WORTH: f64 = 1.15;
 
 /// A residual that is larger, or more coloured, than the model allows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Misfit {
-    /// RMS of the residual and of the model, counts.
+    /// RMS of the residual, and RMS that the model allows, in counts.
     Larger(f64, f64),
-    /// RMS of the means over stretches, for the residual and for the model, counts.
+    /// The same two values for the means over stretches, in counts.
     Coloured(f64, f64),
     /// The residual of the readings in motion is too large.
     InMotion,
 }
 
-/// Standard deviation of the noise before the quantiser that explains the coherence, counts.
+/// Standard deviation of the noise before the quantiser, in counts. Noise of this size explains the residual's
+/// coherence.
 fn noise_counts(residual: &Residual) -> f64 {
     let squared = residual.coherence.powi(2) - 2.0 * residual.coherence_squared_error;
     let coherence = squared.clamp(1e-6, 1.0).sqrt();
     (-coherence.ln() / 2.0).sqrt() / std::f64::consts::PI
 }
 
-/// The misfit of a residual from quantisation; `None` if the residual agrees with the model. `left` returns the part of
-/// row errors that a fit does not remove. `weights` are the weights of the fit.
+/// Compares a residual from quantisation with the model; `None` if they agree. `left` returns the part of the rows'
+/// errors that a fit does not remove. `weights` are the weights of the fit.
 pub(super) fn misfit(
     weighed: &Weighed,
     weights: Option<&DVector<f64>>,
@@ -92,7 +93,7 @@ pub(super) fn misfit(
         .or_else(|| beyond(2).map(|_| Misfit::InMotion))
 }
 
-/// Mean square of a residual, and mean square of its means over stretches.
+/// Mean square of a residual, and mean square of the means of its stretches.
 fn measures(residual: &[f64], rows: &[usize]) -> [f64; 2] {
     let square = residual.iter().map(|r| r * r).sum::<f64>() / residual.len() as f64;
     let (mut sum, mut count, mut rest) = (0.0, 0.0, residual);

@@ -8,17 +8,18 @@ use super::{
 };
 use crate::numerics::fft::RealSpectrum;
 
-/// Smallest part of the residual that a named cause must explain.
+/// A cause is only named if it explains at least this share of the residual.
 const NAMED_SHARE: f64 = 0.1;
-/// Smallest part of the residual's power at one frequency that counts as a vibration.
+/// A frequency counts as a vibration if it has at least this share of the residual's power.
 const LINE_SHARE: f64 = 0.3;
-/// Lowest frequency of a vibration, Hz.
+/// Lowest frequency that counts as a vibration, in Hz.
 const VIBRATION_HZ: f64 = 5.0;
 
-/// Force of a possible cause, from command, position from the reference, and speed.
+/// The force of a possible cause. The arguments are the command, the position (measured from the reference) and the
+/// speed.
 type Force = fn(f64, f64, f64) -> f64;
 
-/// Forces that are recognised but cannot be fitted.
+/// Forces that `identify` recognises as causes, but cannot fit.
 const FORCES: [(Force, &str); 3] = [
     (
         |command, _, _| command.powi(3),
@@ -28,7 +29,7 @@ const FORCES: [(Force, &str); 3] = [
     (|_, x, speed| -x * speed.signum(), "friction that depends on the position"),
 ];
 
-/// Likely causes of a residual that the model does not explain, the most likely cause first.
+/// Likely causes of what the model does not explain in the residual. The most likely cause comes first.
 pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
     let all = model.solution.weighed_m.norm_squared();
     let mut causes: Vec<(f64, String)> = vec![];
@@ -63,7 +64,8 @@ pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
     named.join(", ")
 }
 
-/// The frequency with the largest part of the residual's power, and this part. `None` if no frequency is a vibration.
+/// The frequency that has the largest share of the residual's power, and this share. `None` if no frequency counts as a
+/// vibration.
 fn vibration(records: &[Fitted<'_>], model: &Model) -> Option<(f64, f64)> {
     let pieces = model.weighed.pieces();
     let (fitted, piece) = records.iter().zip(&pieces).max_by_key(|(fitted, _)| fitted.rows())?;

@@ -59,35 +59,35 @@ use layout::{Included, Layout, Parameter, Values};
 use misfit::Misfit;
 use search::{Model, Search};
 
-/// If the latency is fitted, the first fitted row is later by this time, s.
+/// If the latency is fitted, the fit begins later in the record by this time, in s.
 const LATENCY_ROOM_S: f64 = 0.01;
-/// A residual above this multiple of the RMS is an outlier. Gaussian noise exceeds this multiple in one of 10^10 rows.
+/// A residual above this multiple of the RMS is an outlier. Gaussian noise is above it in one of 10^10 rows.
 const OUTLIER: f64 = 6.5;
 
-/// Known values and options of an identification.
+/// What is known before an identification, and its options.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     pub gain: Gain,
-    /// Time from a row to the effect of its voltage, s. If the latency is fitted, the fit begins with this value.
+    /// Time until the voltage of a row acts, in s. If the latency is fitted, the fit begins with this value.
     pub latency_s: f64,
     pub fit_latency: bool,
     pub spring: bool,
-    /// Size of a count, m; 0 for a sensor without counts.
+    /// Size of a count in m; 0 for a sensor without counts.
     pub resolution_m: f64,
     pub rounding: Rounding,
-    /// Largest magnitude of a command, V.
+    /// Largest magnitude of a command, in V.
     pub limit_v: f64,
-    /// Terms in addition to mass, damping and spring.
+    /// Terms that are fitted in addition to mass, damping and spring.
     pub terms: Terms,
-    /// Rest position of the spring without any other force, m, if known. If the rest position is unknown, the fitted x0
-    /// includes the effect of a constant force.
+    /// Position at which the spring rests if no other force acts, in m. If it is `None`, the fitted x0 includes the
+    /// effect of a constant force.
     pub rest_position_m: Option<f64>,
-    /// Travel per cycle of the encoder's signals, m, if known.
+    /// Distance over which the encoder's signals repeat, in m; `None` if it is not known.
     pub cycle_m: Option<f64>,
 }
 
 impl Options {
-    /// Options from a scene: latency, encoder and voltage limit.
+    /// Options with the scene's latency, encoder and voltage limit.
     pub fn of_scene(scene: &Scene, gain: Gain) -> Self {
         Self {
             gain,
@@ -104,23 +104,24 @@ impl Options {
     }
 }
 
-/// Measured position and model of one record, row by row.
+/// The measured position of one record and the position of the model, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
-    /// First fitted row of the record.
+    /// First row of the record that is fitted.
     pub first: usize,
-    /// Modelled position from the first fitted row on, m.
+    /// Position of the model in m, from the first fitted row on.
     pub model_m: Vec<f64>,
-    /// Measured position without the quantiser's offset, minus modelled position, m.
+    /// Measured position minus position of the model, in m. The quantiser's offset of half a count is removed first.
     pub residual_m: Vec<f64>,
-    /// Position at the first row, m.
+    /// Position of the model at the first fitted row, in m.
     pub position_m: f64,
-    /// Speed at the first row, m/s.
+    /// Speed of the model at the first fitted row, in m/s.
     pub speed_m_per_s: f64,
 }
 
 impl Fit {
-    /// For each fitted row: time, voltage, measured position, modelled position, and their difference.
+    /// Five values for each fitted row: time, voltage, measured position, position of the model, and the difference of
+    /// the positions.
     pub fn rows(&self, record: &Record) -> impl Iterator<Item = [f64; 5]> {
         let both = self.model_m.iter().zip(&self.residual_m);
         (self.first..).zip(both).map(|(row, (model_m, residual_m))| {
@@ -135,16 +136,17 @@ pub struct Identification {
     pub drive: Drive,
     pub mass_kg: Estimate,
     pub damping_n_s_per_m: Estimate,
-    /// Spring: k, N/m, and x0, m. `None` for a device without a spring.
+    /// The spring's k in N/m and x0 in m. `None` for a device without a spring.
     pub spring: Option<Spring>,
-    /// Force per unit of the command: N/V, N/A or 1. A known gain has no interval.
+    /// Force per unit of the command. It is in N/V or N/A, or it is 1 if the command is the force. A known gain has no
+    /// interval.
     pub gain_n_per_v: Estimate,
-    /// Latency, s. A known latency has no interval.
+    /// Latency in s. A known latency has no interval.
     pub latency_s: Estimate,
     pub terms: Found,
     pub fits: Vec<Fit>,
     pub residual: Residual,
-    /// Largest ratio of a stated interval to the interval for white noise.
+    /// The largest ratio of an interval's half-width to its half-width for white noise.
     pub widening: f64,
     pub joint: Joint,
     pub evaluations: usize,
@@ -161,7 +163,7 @@ pub struct Spring {
 /// mass. With another gain, any number of records of one device are fitted together.
 ///
 /// # Errors
-/// One line: why the records are not sufficient.
+/// The message has one line. It says why the records are not sufficient.
 pub fn identify(records: &[Record], options: &Options) -> Result<Identification, String> {
     identified(records, options, &AtomicBool::new(false))
 }
@@ -238,7 +240,7 @@ fn mean(record: &Record) -> f64 {
     record.position_m.iter().sum::<f64>() / record.len() as f64
 }
 
-/// First row at which no command from before the record acts.
+/// First row from which on no command acts that is older than the record.
 fn first_row(record: &Record, options: &Options) -> Result<usize, String> {
     let room_s = if options.fit_latency { options.latency_s + LATENCY_ROOM_S } else { 0.0 };
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
@@ -265,7 +267,7 @@ fn without_mass(fitted: &[Fitted<'_>], options: &Options) -> Option<String> {
     })
 }
 
-/// First values of all parameters, from the records only.
+/// First values of all parameters. They come from the records alone.
 fn first_values(
     fitted: &[Fitted<'_>],
     layout: Layout,
@@ -280,7 +282,7 @@ fn first_values(
             guesses.push(guess);
             continue;
         }
-        // Integrals over a time in which friction holds the handle at rest are wrong. So only windows in motion are
+        // The integrals are wrong over a time in which friction holds the handle at rest. So only windows in motion are
         // used.
         let held = options.terms.may_have_friction();
         let mut windows = guess::WINDOWS.into_iter().filter(|_| held).filter_map(|windows| {
@@ -439,7 +441,7 @@ fn conclude(
     })
 }
 
-/// Largest mean speed over ten rows, m/s.
+/// Largest mean speed over ten rows, in m/s.
 fn fastest(fitted: &[Fitted<'_>]) -> f64 {
     let of = |fitted: &Fitted<'_>| {
         let ends = fitted.positions_m.iter().zip(fitted.positions_m.iter().skip(10));
@@ -449,12 +451,12 @@ fn fastest(fitted: &[Fitted<'_>]) -> f64 {
     fitted.iter().map(of).fold(0.0, f64::max)
 }
 
-/// The angle in rad, from minus half a turn to half a turn.
+/// The same angle in rad, between minus half a turn and half a turn.
 fn wrapped(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }
 
-/// Warnings that follow from the residual.
+/// The warnings that the residual gives reason for.
 fn of_residual(
     residual: &Residual,
     widening: f64,

@@ -1,4 +1,5 @@
-//! The exact response of the device to a record's voltage, and its derivatives by every parameter.
+//! Computes the exact response of the device to a record's voltage, and the derivatives with respect to every
+//! parameter.
 //!
 //! ```text
 //! x'' = -w x - d x' + g u + o       w = k / m, d = b / m, g = gain / m, o = k x0 / m
@@ -15,26 +16,26 @@ use nalgebra::{SMatrix, SVector};
 use super::record::Record;
 use crate::numerics::exact::discretise;
 
-/// The reduced parameters of one record.
+/// The parameters of one record, divided by the mass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reduced {
-    /// Stiffness per mass, 1/s^2.
+    /// Stiffness per mass, in 1/s^2.
     pub w: f64,
-    /// Damping per mass, 1/s.
+    /// Damping per mass, in 1/s.
     pub d: f64,
-    /// Acceleration per volt, m/s^2/V.
+    /// Acceleration per volt, in m/s^2/V.
     pub gain: f64,
-    /// Constant part of the acceleration, m/s^2.
+    /// Constant part of the acceleration, in m/s^2.
     pub offset: f64,
-    /// Position at the first fitted row, from the reference, m.
+    /// Position at the first fitted row in m, measured from the reference.
     pub x: f64,
-    /// Speed at the first fitted row, m/s.
+    /// Speed at the first fitted row, in m/s.
     pub v: f64,
-    /// Time from a row to the effect of its voltage, rows. A search may try negative values.
+    /// Time until the voltage of a row acts, in rows. A search may try negative values.
     pub latency: f64,
 }
 
-/// Position and its derivatives at one row.
+/// Position of the model at one row, and its derivatives with respect to each parameter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Point {
     pub x: f64,
@@ -44,13 +45,13 @@ pub(super) struct Point {
     pub by_offset: f64,
     pub by_x: f64,
     pub by_v: f64,
-    /// Derivative per row of latency.
+    /// Derivative with respect to the latency in rows.
     pub by_latency: f64,
 }
 
 type Pair = [f64; 2];
 
-/// One exact step, and its derivatives by w and d.
+/// One exact step, and its derivatives with respect to w and d.
 struct Step {
     phi: [Pair; 2],
     gamma: Pair,
@@ -92,10 +93,10 @@ impl Step {
 struct Carried {
     /// State: position and speed.
     z: Pair,
-    /// Derivatives of the state by w and d.
+    /// Derivatives of the state with respect to w and d.
     z_w: Pair,
     z_d: Pair,
-    /// Unit responses: to the voltage, to a constant, to x and to v.
+    /// Responses of the state to one unit of the voltage, of a constant, of the first x and of the first v.
     voltage: Pair,
     constant: Pair,
     from_x: Pair,
@@ -127,7 +128,7 @@ impl Carried {
     }
 }
 
-/// Position and derivatives at each row from row `first` on.
+/// Position of the model and its derivatives at each row. The first row is `first`.
 pub(super) fn response(record: &Record, first: usize, reduced: &Reduced) -> Vec<Point> {
     let voltages = Held::new(record, reduced.latency);
     let dt = record.step_s;
@@ -166,12 +167,12 @@ pub(super) fn response(record: &Record, first: usize, reduced: &Reduced) -> Vec<
     points
 }
 
-/// A record's voltage after the latency.
+/// A record's voltage after the latency, as the device gets it.
 pub(super) struct Held<'a> {
     command: &'a [f64],
-    /// Whole rows of latency.
+    /// The whole rows of the latency.
     rows: i64,
-    /// Part of a row during which the older voltage still acts, at least 0 and below 1.
+    /// The rest of the latency, at least 0 and below 1 row. The older voltage acts during this part of a row.
     pub fraction: f64,
 }
 
@@ -182,8 +183,8 @@ impl<'a> Held<'a> {
         Self { command: &record.command, rows, fraction: latency - latency.floor() }
     }
 
-    /// Voltages of this row's step, before and after [`fraction`](Self::fraction). Outside the record, the nearest
-    /// voltage is used.
+    /// The two voltages that act during the step of this row: before and after [`fraction`](Self::fraction). Outside
+    /// the record, the nearest voltage is used.
     pub(super) fn at(&self, row: usize) -> (f64, f64) {
         let value = |row: i64| {
             let last = self.command.len() - 1;

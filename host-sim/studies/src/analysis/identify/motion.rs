@@ -20,53 +20,54 @@ use nalgebra::{SMatrix, SVector};
 use super::{model::Held, record::Record};
 use crate::numerics::exact::discretise;
 
-/// Largest number of events within one step of the voltage. After this number, the rest of the step is computed without
-/// events.
+/// Largest number of events that are found within one step of the voltage. After this number, the rest of the step is
+/// computed without events.
 const EVENTS_MAX: usize = 8;
 /// Largest number of iterations to find the instant of an event.
 const SEARCH: usize = 60;
 
-/// Number of lengths of a stretch: a step, half a step, a quarter and so on.
+/// A stretch has one of this number of lengths: a step, half a step, a quarter and so on.
 const LEVELS: usize = 7;
-/// Largest change of the speed over a stretch, in Stribeck speeds. Also the largest motion over a stretch, in radians
-/// of the cogging.
+/// Over a stretch, the speed may change by at most this share of the Stribeck speed. The handle may move by at most
+/// this angle of the cogging, in rad.
 const STRETCH: f64 = 0.25;
-/// Above this multiple of the Stribeck speed, friction is Coulomb's.
+/// At speeds above this multiple of the Stribeck speed, friction equals Coulomb friction.
 const SLOW: f64 = 3.5;
-/// Shares of a step below this value are rounding errors.
+/// A share of a step below this value is a rounding error.
 const SAME: f64 = 1e-9;
 
-/// The motion's parameters for one record, divided by the mass.
+/// The parameters of one record's motion. Forces are divided by the mass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Motion {
-    /// Stiffness per mass, 1/s^2.
+    /// Stiffness per mass, in 1/s^2.
     pub w: f64,
-    /// Damping per mass, 1/s.
+    /// Damping per mass, in 1/s.
     pub d: f64,
-    /// Acceleration per volt, m/s^2/V.
+    /// Acceleration per volt, in m/s^2/V.
     pub gain: f64,
-    /// Constant part of the acceleration, m/s^2.
+    /// Constant part of the acceleration, in m/s^2.
     pub offset: f64,
-    /// Coulomb friction per mass, m/s^2.
+    /// Coulomb friction per mass, in m/s^2.
     pub friction: f64,
-    /// Static friction minus `friction`, per mass, m/s^2, and speed over which this difference falls, m/s.
+    /// Two values: static friction minus `friction`, per mass and in m/s^2, and the speed over which this difference
+    /// falls, in m/s.
     pub stribeck: Option<[f64; 2]>,
-    /// Cogging per mass: sine and cosine at the reference, m/s^2, and radians per metre.
+    /// Cogging per mass: its sine part and cosine part at the reference in m/s^2, and its radians per metre.
     pub cogging: Option<[f64; 3]>,
-    /// Time constant of the amplifier, s; 0 for an ideal amplifier.
+    /// Time constant of the amplifier in s; 0 for an ideal amplifier.
     pub lag_s: f64,
-    /// Position at the first fitted row, from the reference, m.
+    /// Position at the first fitted row in m, measured from the reference.
     pub x: f64,
-    /// Speed at the first fitted row, m/s.
+    /// Speed at the first fitted row, in m/s.
     pub v: f64,
-    /// Time from a row to the effect of its voltage, rows.
+    /// Time until the voltage of a row acts, in rows.
     pub latency: f64,
 }
 
-/// Position, m, speed, m/s, and acceleration by the amplifier, m/s^2.
+/// Position in m, speed in m/s, and the acceleration that the amplifier gives, in m/s^2.
 type State = SVector<f64, 3>;
 
-/// An exact step of `seconds`.
+/// An exact step of the motion. It takes `seconds`.
 struct Step {
     seconds: f64,
     phi: SMatrix<f64, 3, 3>,
@@ -83,7 +84,7 @@ impl Step {
 #[derive(Clone, Copy, PartialEq)]
 enum Mode {
     Rest,
-    /// The handle slides. 1 or -1 is the sign of the speed.
+    /// The handle slides. The value is the sign of its speed, 1 or -1.
     Slides(f64),
 }
 
@@ -105,20 +106,21 @@ impl Motion {
         Step { seconds, phi, drive, constant }
     }
 
-    /// The exact step over `seconds`. With a nonlinear force, also the exact steps over a half, a quarter and so on.
+    /// The exact step over `seconds`. If there are nonlinear forces, the list goes on with the steps over a half, a
+    /// quarter and so on.
     fn steps(&self, seconds: f64) -> Vec<Step> {
         let is_curved = self.stribeck.is_some() || self.cogging.is_some();
         let levels = if is_curved { LEVELS } else { 1 };
         (0..levels).map(|level| self.step(seconds / f64::from(1 << level))).collect()
     }
 
-    /// Trace and determinant of the free step over a time.
+    /// Trace and determinant of the step over a time, without input.
     pub(super) fn invariants(&self, seconds: f64) -> [f64; 2] {
         let phi = self.step(seconds).phi;
         [phi[(0, 0)] + phi[(1, 1)], phi[(0, 0)] * phi[(1, 1)] - phi[(0, 1)] * phi[(1, 0)]]
     }
 
-    /// Net acceleration of a handle at rest, without friction.
+    /// Acceleration that all forces except friction give to a handle at rest.
     fn net(&self, state: &State) -> f64 {
         state[2] - self.w * state[0] + self.offset + self.cogging_at(state[0])
     }
@@ -130,12 +132,12 @@ impl Motion {
         })
     }
 
-    /// Friction at a speed minus Coulomb friction, per mass.
+    /// Friction at a speed minus Coulomb friction, divided by the mass.
     fn beyond(&self, v: f64) -> f64 {
         self.stribeck.map_or(0.0, |[rise, fall]| rise * (-(v / fall).powi(2)).exp())
     }
 
-    /// Largest friction at rest, per mass.
+    /// Largest friction at rest, divided by the mass.
     fn holding(&self) -> f64 {
         self.friction + self.beyond(0.0)
     }
@@ -153,7 +155,7 @@ impl Motion {
         linear + at(state[0] + half * v, v + half * (rate + at(state[0], v)))
     }
 
-    /// Number of halvings until the nonlinear forces are nearly constant over the shortened step.
+    /// Halves the step until the nonlinear forces are nearly constant over it. Returns the number of halvings.
     fn halvings(&self, state: &State, sign: f64, seconds: f64) -> usize {
         let rate = (self.net(state) - self.d * state[1] - sign * self.friction).abs();
         let v = state[1].abs();
@@ -175,8 +177,8 @@ impl Motion {
         if net.abs() <= self.holding() { Mode::Rest } else { Mode::Slides(net.signum()) }
     }
 
-    /// State and mode after one step with `volts`. `steps` has the exact steps over the whole time, a half, a quarter
-    /// and so on.
+    /// Computes the state and the mode after one step with `volts`. `steps` has the exact steps over the whole time, a
+    /// half, a quarter and so on.
     fn advance(&self, steps: &[Step], state: State, mode: Mode, volts: f64) -> (State, Mode) {
         let drive = self.gain * volts;
         let step = &steps[0];
@@ -197,8 +199,8 @@ impl Motion {
                         return (state, Mode::Rest);
                     };
                     state[2] = drive + (state[2] - drive) * (-self.pole() * after_s).exp();
-                    // The acceleration at the end of the step gives the direction, because at the instant itself the
-                    // net force is exactly f.
+                    // At the instant itself the net force is exactly f. So the acceleration at the end of the step
+                    // gives the direction.
                     let towards = if self.pole() > 0.0 { drive } else { state[2] };
                     let net = self.net(&state) - state[2] + towards;
                     mode = Mode::Slides(net.signum());
@@ -241,7 +243,7 @@ impl Motion {
         (self.step(left_s).apply(&state, drive, constant), mode)
     }
 
-    /// Time until a handle at rest breaks away, within `left_s`.
+    /// Time until a handle at rest breaks away. `None` if it does not within `left_s`.
     fn breaks_away(&self, state: &State, drive: f64, left_s: f64) -> Option<f64> {
         let (spring, friction) = (self.net(state) - state[2], self.holding());
         if (state[2] + spring).abs() > friction {
@@ -258,7 +260,7 @@ impl Motion {
         Some((-share.max(0.0).ln() / pole).clamp(0.0, left_s))
     }
 
-    /// The instant within `left_s` at which the speed is 0 again, and the state at this instant.
+    /// The instant at which the speed is 0 again, and the state at this instant. The instant is within `left_s`.
     fn turn(
         &self,
         state: &State,
@@ -303,7 +305,7 @@ impl Motion {
     }
 }
 
-/// Positions from the reference, from row `first` on, m.
+/// Positions of the model at each row from row `first` on, in m and measured from the reference.
 pub(super) fn positions(record: &Record, first: usize, motion: &Motion) -> Vec<f64> {
     let voltages = Held::new(record, motion.latency);
     let early = motion.steps(voltages.fraction * record.step_s);

@@ -1,5 +1,5 @@
-//! Designs an excitation for an identification. The excitation consists of pulses of a board that show mass, damping
-//! and spring, within the limits of travel, speed and duty.
+//! Designs an excitation for an identification. The excitation is a train of pulses that a board makes. The pulses show
+//! mass, damping and spring. They stay within the limits of travel, speed and duty.
 //!
 //! The board's pulse train ([`pulse_train`]) moves the handle to the start, pushes the handle and releases it, four
 //! times. The force is as large as four limits allow:
@@ -17,26 +17,26 @@ use crate::{
     scene::Scene,
 };
 
-/// Largest excursion of a pulse, as a part of the distance to the nearer end.
+/// Largest excursion of a pulse, as a share of the distance to the nearer end.
 const OF_TRAVEL: f64 = 0.6;
-/// Largest speed, as a part of the speed limit.
+/// Largest speed of a pulse, as a share of the speed limit.
 const OF_SPEED: f64 = 0.5;
-/// Largest force, as a part of full scale.
+/// Largest force of a pulse, as a share of full scale.
 const OF_FULL: f64 = 0.5;
-/// Longest waiting time for the return to the start, s.
+/// Longest time to wait until the handle is back at the start, in s.
 const BACK_S: f64 = 2.0;
-/// Smallest useful excursion of a train, counts.
+/// An excursion below this value is too small to be useful, in counts.
 const FEWEST_COUNTS: f64 = 200.0;
-/// Largest number of times that the force is halved.
+/// The force is halved at most this many times.
 const HALVINGS: u32 = 12;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Pulse {
     pub push_n: f64,
     pub seconds: f64,
-    /// Largest distance from the start, m.
+    /// Largest distance of the handle from the start, in m.
     pub excursion_m: f64,
-    /// Largest speed of the pulse, m/s.
+    /// Largest speed during the pulse, in m/s.
     pub speed_m_per_s: f64,
 }
 
@@ -49,20 +49,20 @@ impl Pulse {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// Start of each pulse, m.
+    /// Position at which each pulse starts, in m.
     pub start_m: f64,
-    /// Force of the train, N.
+    /// Force of all pulses, in N.
     pub push_n: f64,
     pub pulses: [Pulse; PULSES],
-    /// Duration of the train with the return moves, s.
+    /// Duration of the train in s, including the return moves.
     pub seconds: f64,
-    /// RMS of the force over the train, N.
+    /// RMS of the force over the train, in N.
     pub rms_n: f64,
-    /// Continuous force of the motor, N.
+    /// Force that the motor can give continuously, in N.
     pub continuous_n: f64,
 }
 
-/// Excursion and speed of a pulse that begins at rest at the start.
+/// Simulates a pulse that begins at rest at the start. Returns its excursion and its speed.
 fn pulse(scene: &Scene, start_m: f64, push_n: f64, seconds: f64) -> Pulse {
     let sample_s = 1.0 / scene.control.rate_hz;
     let plant = AnyPlant::unsensed(scene, sample_s, 0.0);
@@ -79,19 +79,19 @@ fn pulse(scene: &Scene, start_m: f64, push_n: f64, seconds: f64) -> Pulse {
     moved
 }
 
-/// A plan for the scene's device on its board.
+/// Plans the pulses for the scene's device on its board.
 ///
 /// # Errors
-/// One line: the travel has no room for a train with a sufficient excursion.
+/// The travel has no room for a train with a sufficient excursion. The message has one line.
 pub fn plan(scene: &Scene) -> Result<Plan, String> {
     let board = scene.on_board();
     let [low_m, high_m] = [board.safety.travel_low_m, board.safety.travel_high_m];
-    // Only the pulse acts: no wall, no hand.
+    // Only the pulse acts on the handle. There is no wall and no hand.
     let mut free = scene.clone();
     free.arm = None;
     free.wall_hit.push_by = crate::scene::PushBy::Motor;
-    // At the rest position of a spring, the pulse has travel on both sides. Without a spring, the start is in the
-    // middle.
+    // A pulse starts at the rest position of a spring if it has travel on both sides there. Otherwise it starts in the
+    // middle of the travel.
     let middle_m = f64::midpoint(low_m, high_m);
     let rest_m = scene.device.rest_position_m;
     let inside = (rest_m - middle_m).abs() < 0.25 * (high_m - low_m);

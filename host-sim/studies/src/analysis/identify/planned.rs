@@ -12,22 +12,22 @@ use crate::{
 #[derive(Clone, Debug, Serialize)]
 pub struct Planned {
     pub scene: String,
-    /// Start of each pulse.
+    /// Position at which each pulse starts.
     pub start_m: f64,
     pub push_n: f64,
     pub pulses: Vec<Pulse>,
-    /// RMS of the force over the train.
+    /// RMS of the force over the whole train.
     pub force_rms_n: f64,
-    /// Continuous force of the motor.
+    /// Force that the motor can give continuously.
     pub continuous_force_n: f64,
-    /// Guessed values of limits that the scene does not have, in the scene's units.
+    /// Limits that the scene does not have and whose values were guessed. They are in the scene's units.
     pub guessed: Vec<String>,
-    /// The lines for the console, in the scene's units. `cargo board run` accepts these lines too.
+    /// The lines to type at the console, in the scene's units. `cargo board run` accepts these lines too.
     pub console: Vec<String>,
 }
 
 impl Planned {
-    /// A plan for the scene's device on its board.
+    /// Plans the pulses for the scene's device on its board.
     ///
     /// # Errors
     /// The travel has no room for a train.
@@ -54,7 +54,7 @@ impl Planned {
     }
 }
 
-/// A number for the console. Linear numbers have `decimals` decimals. Rotary numbers have five digits.
+/// A number as the console accepts it. A linear number has `decimals` decimals. A rotary number has five digits.
 fn said(units: Units, key: &str, at_handle: f64, decimals: usize) -> String {
     match units.key(key) {
         None => format!("{at_handle:.decimals$}"),

@@ -1,4 +1,5 @@
-//! A record: command and measured position, in equal steps of time. The command is a voltage, a force or a current.
+//! A record has a command and a measured position in equal steps of time. The command is a voltage, a force or a
+//! current.
 
 use std::{fmt::Write as _, ops::RangeInclusive};
 
@@ -12,30 +13,32 @@ use crate::{
 pub const FEWEST_ROWS: usize = 100;
 /// Largest number of rows in a record: 100 s at 10 kHz. An identification with so many rows takes half a minute.
 pub const MOST_ROWS: usize = 1_000_000;
-/// Largest deviation of a time stamp from an even grid, in steps. The limit allows time stamps with few digits.
+/// A time stamp may be this far from an even grid, in steps. The tolerance allows time stamps with few digits.
 const JITTER_MAX: f64 = 0.1;
-/// Allowed time between rows, s: up to 100 kHz, and slow enough for any hand-held device.
+/// Allowed time between two rows, in s. It begins at 10 us (100 kHz), and its end is slow enough for any hand-held
+/// device.
 const STEP_S: RangeInclusive<f64> = 1e-5..=0.1;
-/// Hint for positions that are a thousand times too large.
+/// Hint in an error message if positions are a thousand times too large.
 pub(super) const IN_MM: &str = "; position_m is in m: are these mm?";
-/// Largest travel of a handle, m. An angle has no limit.
+/// Largest travel of a handle, in m. There is no limit for an angle.
 const TRAVEL_MAX_M: f64 = 5.0;
-/// Number of counts by which the position changes when a 16-bit counter wraps.
+/// When a 16-bit counter wraps, the position changes by this number of counts.
 const WRAP: f64 = 65_536.0;
 /// Command and position on an even grid of time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Record {
     /// Name in error messages.
     pub name: String,
-    /// Time of the first row, s.
+    /// Time of the first row, in s.
     pub start_s: f64,
     pub step_s: f64,
     pub drive: Drive,
-    /// Command of each row, V, N or A. The command is constant until the next row.
+    /// Command of each row, in V, N or A. It is constant until the next row.
     pub command: Vec<f64>,
-    /// Position at each row from the sensor, m.
+    /// Position that the sensor measured at each row, in m.
     pub position_m: Vec<f64>,
-    /// Whether the amplifier may have clipped the voltage. False for telemetry, which has the voltage that acted.
+    /// Whether the amplifier may have clipped the voltage. This is false for telemetry, because telemetry has the
+    /// voltage that acted.
     pub may_clip: bool,
 }
 
@@ -47,12 +50,12 @@ pub(super) struct Row {
     pub position_m: f64,
 }
 
-/// Part of a record, between two time stamps of the file.
+/// A part of a record. Two time stamps of the file delimit it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Span {
-    /// First time, s; `None` for the beginning.
+    /// Time of the first row in s; `None` for the beginning of the record.
     pub from_s: Option<f64>,
-    /// Last time, s; `None` for the end.
+    /// Time of the last row in s; `None` for the end of the record.
     pub to_s: Option<f64>,
 }
 
@@ -85,7 +88,7 @@ impl Record {
     /// ignored. A resolution of 0 is for a sensor without counts.
     ///
     /// # Errors
-    /// One line: the error and its place.
+    /// The text is no log. The message has one line with the error and its place.
     pub fn from_csv(
         name: &str,
         text: &str,
@@ -117,7 +120,7 @@ impl Record {
         Ok(record)
     }
 
-    /// A record from rows with even time stamps. Messages call the number of a row `place`.
+    /// Makes a record from rows with even time stamps. Error messages name the number of a row with `place`.
     pub(super) fn even(
         name: &str,
         rows: &[Row],
@@ -145,7 +148,7 @@ impl Record {
             ));
         }
         in_range(step_s)?;
-        // The median step, because a gap does not change it.
+        // The median is used, because a gap in the time stamps does not change it.
         let mut steps: Vec<f64> =
             rows.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
         steps.sort_by(f64::total_cmp);
@@ -186,7 +189,7 @@ impl Record {
         })
     }
 
-    /// Refuses columns that do not come from a log.
+    /// Refuses columns that cannot come from a log.
     pub(super) fn check(&self) -> Result<(), String> {
         let is_finite = |column: &[f64]| column.iter().all(|value| value.is_finite());
         if self.command.len() != self.len() {
@@ -243,7 +246,7 @@ fn in_range(step_s: f64) -> Result<(), String> {
     }
 }
 
-/// Line and size of the first step of about 2^16 counts between small steps.
+/// Finds a step of about 2^16 counts between small steps. Returns the line and the size of the first one.
 fn wrap(rows: &[Row], resolution_m: f64) -> Option<(usize, f64)> {
     let steps = rows.windows(2).map(|pair| {
         let moved_m = pair[1].position_m - pair[0].position_m;
@@ -344,7 +347,7 @@ mod tests {
         };
         let unsigned = |count: f64| (count + 30_000.0).rem_euclid(65_536.0);
         let error = counts(unsigned, 1e-6).unwrap_err();
-        // The 119th row is the first at or above 65,536: 30,000 + 300 * 119.
+        // With 300 counts per row, the position 30,000 + 300 * 119 is the first at or above 65,536.
         let wrapped = "line 121: the position goes by -65236 counts, as a counter of 16 bits";
         assert!(error.starts_with(wrapped), "{error}");
         let signed = |count: f64| (count + 32_768.0).rem_euclid(65_536.0) - 32_768.0;

@@ -23,58 +23,59 @@ use super::{
 };
 use crate::scene::Rounding;
 
-/// Number of lags of the Ljung-Box test.
+/// The Ljung-Box test uses this number of lags.
 const LAGS: usize = 20;
-/// Significance level of the test. One of a thousand white residuals fails.
+/// Significance level of the test. One of a thousand white residuals fails it.
 const WHITE_P: f64 = 1e-3;
-/// Smallest speed, counts per row. Slower rows give no information about the coherence.
+/// Smallest speed that counts as motion, in counts per row. Slower rows give no information about the coherence.
 const MOVING: f64 = 0.05;
-/// Rows of a block. Within a block the model's own error is taken as constant.
+/// Number of rows in a block. Within a block the model's own error is taken as constant.
 const BLOCK: usize = 128;
-/// Smallest number of moving blocks to measure the coherence. With fewer blocks the coherence is set to 1.
+/// The coherence is measured if at least this number of blocks is in motion. Otherwise it is set to 1.
 const FEWEST_BLOCKS: usize = 4;
-/// Smallest coherence of a residual that is bound by quantisation. With a larger coherence, the noise is below 0.28
-/// counts RMS.
+/// A residual with at least this coherence is bound by quantisation. The noise is then below 0.28 counts RMS.
 const BOUND: f64 = 0.2;
-/// The squared coherence of a residual that is bound by quantisation must be this number of standard errors above 0.
+/// A residual only counts as bound by quantisation if its squared coherence is this number of standard errors above 0.
 const CERTAIN: f64 = 4.0;
-/// Unit of residuals for a sensor without counts, as a part of the motion. This unit keeps the values near 1.
+/// A sensor without counts has residuals in this share of the motion as their unit. With this unit the values are near
+/// 1.
 const UNIT_SHARE: f64 = 1e-6;
-/// Number of sawtooth harmonics.
+/// Number of harmonics of the sawtooth that are computed.
 pub(super) const HARMONICS: u32 = 64;
 
-/// Residual and modelled position of one record, both in counts.
+/// The residual and the modelled position of one record. Both are in counts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Piece<'a> {
     pub residual: &'a [f64],
-    /// Modelled position from the edge of a count.
+    /// Modelled position, measured from the edge of a count.
     pub position: &'a [f64],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
     pub rms_m: f64,
-    /// RMS, counts; `None` for a sensor without counts.
+    /// RMS of the residual in counts; `None` for a sensor without counts.
     pub rms_counts: Option<f64>,
-    /// RMS of the noise before the quantiser that explains the RMS of the residual, counts.
+    /// RMS of the noise before the quantiser, in counts. Noise of this size explains the RMS of the residual.
     pub noise_counts: Option<f64>,
-    /// Remaining part of the sawtooth, from 0 (noise hides it) to 1 (no noise).
+    /// The share of the sawtooth that remains in the residual. It is 0 if noise hides the sawtooth, and 1 without
+    /// noise.
     pub coherence: f64,
     pub coherence_squared_error: f64,
     /// p-value of the Ljung-Box test over 20 lags. A small value means that the residual is not white.
     pub whiteness_p: f64,
-    /// Autocorrelation at a lag of one row.
+    /// Autocorrelation of the residual at a lag of one row.
     pub autocorrelation: f64,
     /// Largest residual divided by the RMS.
     pub peak_per_rms: f64,
 }
 
-/// Residual and modelled positions of a fit, in counts, and the properties of the residual.
+/// The residual and the modelled positions of a fit in counts, and the properties of the residual.
 pub(super) struct Weighed {
-    /// Residual and position of each record.
+    /// The residual and the modelled position of each record.
     counted: Vec<[Vec<f64>; 2]>,
     pub found: Residual,
-    /// Length of a count, m. For a sensor without counts, a small part of the motion.
+    /// Length of a count, in m. A sensor without counts has a small part of the motion instead.
     pub unit_m: f64,
 }
 
@@ -155,14 +156,15 @@ impl Residual {
         squared >= BOUND.powi(2).max(CERTAIN * self.coherence_squared_error)
     }
 
-    /// Squared share of harmonic h of the sawtooth. First, two standard errors are added to the squared coherence.
+    /// Squared share that harmonic h of the sawtooth has in the residual. To be safe, two standard errors are added to
+    /// the squared coherence first.
     pub(super) fn harmonic_squared(&self, h: u32) -> f64 {
         let squared = self.coherence.powi(2) + 2.0 * self.coherence_squared_error;
         squared.min(1.0).powi((h * h).cast_signed())
     }
 }
 
-/// Autocorrelation at lags 1, 2, .., within each record.
+/// Autocorrelation at the lags 1, 2, and so on. Only rows of the same record are compared.
 fn autocorrelations(pieces: &[Piece<'_>], power: f64) -> [f64; LAGS] {
     let mut correlations = [0.0; LAGS];
     for (index, rho) in correlations.iter_mut().enumerate() {
@@ -174,7 +176,7 @@ fn autocorrelations(pieces: &[Piece<'_>], power: f64) -> [f64; LAGS] {
     correlations
 }
 
-/// Squared share of the sawtooth in the residual, and its standard error.
+/// The squared share that the sawtooth has in the residual, and the standard error of this square.
 fn coherence_squared(pieces: &[Piece<'_>]) -> (f64, f64) {
     let mut found = vec![];
     for piece in pieces {
@@ -194,7 +196,7 @@ fn coherence_squared(pieces: &[Piece<'_>]) -> (f64, f64) {
     (mean, (variance / blocks).sqrt())
 }
 
-/// Product of the first harmonic's amplitudes in even and in odd rows.
+/// The first harmonic has an amplitude in the even rows and one in the odd rows. Returns the product of the two.
 fn block(position: &[f64], residual: &[f64]) -> f64 {
     let mut sums = [[0.0; 2]; 2];
     for (row, (x, r)) in position.iter().zip(residual).enumerate() {
@@ -212,7 +214,7 @@ mod tests {
     use super::*;
     use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 
-    /// Residual and positions of a quantised sweep with noise, in counts.
+    /// Residual and positions of a quantised sweep with noise. Both are in counts.
     fn swept(noise: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         let position: Vec<f64> = (0..20_000).map(|n| 1e-3 * f64::from(n).powf(1.7)).collect();

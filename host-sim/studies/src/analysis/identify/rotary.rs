@@ -1,4 +1,4 @@
-//! The scene of an identified rotary device. The scene keeps its rotary keys. Some of these keys get new values.
+//! Makes the scene file of an identified rotary device. The scene keeps its rotary keys. Some of them get new values.
 
 use toml::{Table, Value};
 
@@ -7,14 +7,14 @@ use crate::{
     scene::{NamedScene, Scene, Units},
 };
 
-/// Tables that an identification adds or replaces as a whole.
+/// Tables of the scene file that an identification adds, or replaces as a whole.
 const ELEMENTS: [&str; 7] =
     ["friction", "cogging", "integrator", "amplifier", "offset", "encoder_error", "uncertainty"];
-/// Digits of written numbers, enough for every result.
+/// Number of digits with which numbers are written. It is enough for every result.
 const DIGITS: usize = 12;
 
-/// The tables of `base`'s file, with device, gain, latency and elements of `scene`. `scene` has linear values at the
-/// handle. The texts are notes for the reader.
+/// The tables of the file of `base`. Device, gain, latency and elements are those of `scene`. `scene` has linear values
+/// at the handle. The texts are notes for the reader.
 ///
 /// # Errors
 /// [`Error::Internal`] only, because `base` was read before.
@@ -60,7 +60,7 @@ pub(super) fn tables(base: &NamedScene, scene: &Scene) -> Result<(Table, Vec<Str
     Ok((tables, notes))
 }
 
-/// Sets the keys of `[rotary]` for mass, damping, spring, count and gain.
+/// Sets the keys of `[rotary]` that belong to mass, damping, spring, count and gain.
 fn turn(rotary: &mut Table, units: Units, base: &Scene, scene: &Scene, notes: &mut Vec<String>) {
     let read = |rotary: &Table, key: &str| match rotary.get(key) {
         Some(Value::Float(value)) => *value,

@@ -24,36 +24,36 @@ use super::{
     weighting::Weighting,
 };
 
-/// First values of the friction, as parts of the largest force.
+/// First values that are tried for the friction, as shares of the largest force.
 const FRICTION_STARTS: [f64; 3] = [0.02, 0.08, 0.2];
-/// First values of the lag, rows.
+/// First values that are tried for the lag, in rows.
 const LAG_STARTS: [f64; 2] = [0.5, 3.0];
-/// First values of the Stribeck curve. `FALLS` are values of the Stribeck speed, as parts of the largest speed over
-/// [`FAST_ROWS`]. `RISE` is the rise, as a part of Coulomb friction.
+/// First values that are tried for the Stribeck curve. `FALLS` has Stribeck speeds, as shares of the largest speed over
+/// [`FAST_ROWS`]. `RISE` is the rise, as a share of Coulomb friction.
 const FALLS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const RISE: f64 = 0.2;
 const FAST_ROWS: usize = 8;
-/// Largest part of the sum of squares that a model with a curve may leave. A curve also follows other missing effects.
-/// A curve that leaves a larger part is only accepted if the model with this curve explains the residual.
+/// A model with a curve should leave at most this share of the sum of squares, because a curve also follows other
+/// missing effects. A curve that leaves more is only accepted if the model with this curve explains the residual.
 const CURVE_LEAVES: f64 = 0.25;
-/// Amplitude of a force that is tried, as a part of the largest command.
+/// Amplitude of a force that is tried, as a share of the largest command.
 const SMALL_FORCE: f64 = 1e-4;
-/// Strides at which the search looks for cogging, rows.
+/// Strides with which the search looks for cogging, in rows.
 const STRIDES_OF_COGS: [usize; 3] = [2, 8, 32];
-/// First change of a parameter along the profile, half-widths.
+/// First change of a parameter along the profile of the likelihood, in half-widths.
 const PROFILE_FROM: f64 = 1.0;
-/// Largest number of times that this change is doubled.
+/// This change is doubled at most this many times.
 const PROFILE_STEPS: usize = 10;
-/// Number of starts from which a fit is made.
+/// A fit is made from this number of starts.
 const STARTS_TAKEN: usize = 3;
-/// Limit for the ratio of forces if the stride doubles. A force from position noise falls to 1/4. A white force falls
-/// by the root of 2. The limit is between these two ratios.
+/// Limit for the ratio of two missing forces, the second with twice the stride. A force from position noise falls to
+/// 1/4. A white force falls by the root of 2. The limit is between these two ratios.
 const STILL_NOISE: f64 = 0.5;
-/// Rows of the shortest record, divided by the longest stride.
+/// The shortest record must have this many times the rows of the longest stride.
 const STRIDES: usize = 20;
-/// Factor of the shorter and the longer stride for the comparison of estimates.
+/// Estimates are compared with those of a stride that is shorter and a stride that is longer by this factor.
 const ASIDE: usize = 4;
-/// Largest friction after a step of the search, as a part of the largest force.
+/// After a step of the search, the friction is limited to this share of the largest force.
 const FRICTION_MOST: f64 = 0.5;
 
 /// A model and its fit.
@@ -61,11 +61,11 @@ pub(super) struct Model {
     pub solution: Solution,
     pub weighed: Weighed,
     pub estimates: Estimates,
-    /// Orthonormal basis of the derivatives.
+    /// Orthonormal basis of the space that the derivatives span.
     pub basis: DMatrix<f64>,
-    /// Number of examined cycles of the encoder's error.
+    /// Number of cycles that were examined for the encoder's error.
     cycles: f64,
-    /// The misfit, computed on the first request.
+    /// The misfit of the residual. It is computed when it is needed first.
     misfit: OnceCell<Option<Misfit>>,
 }
 
@@ -96,12 +96,12 @@ impl Model {
         self.solution.weighed_m.norm_squared()
     }
 
-    /// Part of a column that is orthogonal to the model's own derivatives.
+    /// The part of a column that is orthogonal to the model's own derivatives.
     fn without(&self, column: &DVector<f64>) -> DVector<f64> {
         column - &self.basis * self.basis.tr_mul(column)
     }
 
-    /// The test of a term in the model. `candidates` is the number of tried terms.
+    /// Tests a term of the model. `candidates` is the number of terms that were tried.
     fn tested(&self, term: Term, candidates: usize) -> Tested {
         let Estimates { friction, lag, offset, phase, stribeck, cogging, .. } = self.estimates;
         let value = match term {
@@ -129,11 +129,11 @@ fn candidates(layout: &Layout) -> Vec<Term> {
     Term::ALL.into_iter().filter(|term| *term != Term::Offset || offset).collect()
 }
 
-/// The model of the records. The search begins with first values of the plain model. The search adds the terms that
-/// `options` request, or the terms that the records show.
+/// Chooses the model of the records. The search begins with first values of the plain model. It adds the terms that
+/// `options` request, or else the terms that the records show.
 ///
 /// # Errors
-/// One line: no model describes the records, or the records cannot distinguish parameters.
+/// The message has one line: no model describes the records, or the records cannot distinguish parameters.
 pub(super) fn choose(
     records: &[Fitted<'_>],
     values: &Values,
@@ -181,21 +181,21 @@ pub(super) struct Search<'a> {
     pub weighting: Weighting,
 }
 
-/// Orders in which requested terms are added. A term that is added too early may hide another term, and make the fit
-/// wrong.
+/// Requested terms are added in one of these orders. A term that is added too early may hide another term and make the
+/// fit wrong.
 const ORDERS: [[Term; 6]; 2] = [
     [Term::Offset, Term::Amplifier, Term::Friction, Term::Stribeck, Term::Cogging, Term::Phase],
     [Term::Friction, Term::Stribeck, Term::Amplifier, Term::Offset, Term::Cogging, Term::Phase],
 ];
 
 impl Search<'_> {
-    /// The model with the requested terms, even if the record does not show them.
+    /// Fits the model with the requested terms, even if the record does not show them.
     fn asked(&self, values: &Values, plain: Option<&Model>) -> Result<Model, String> {
         let asked = |term: &Term| self.options.terms.asks(*term);
         if let Some(model) = self.with_all(asked, values, plain) {
             return Ok(model);
         }
-        // The term that is least necessary. Without this term, the other terms leave the smallest residual.
+        // The least necessary term. Without it, the other terms leave the smallest residual.
         let without = |one: Term| {
             let others = self.with_all(|term| asked(term) && *term != one, values, plain)?;
             Some((one, others.squares()))
@@ -253,7 +253,8 @@ impl Search<'_> {
                 });
                 tried.min_by(|a, b| a.squares().total_cmp(&b.squares()))
             };
-            // Periodic terms are tried last, because other missing effects also have lines over the position.
+            // Periodic terms are tried last, because other missing effects also give lines in the spectrum over the
+            // position.
             let Some(best) = passing(false).or_else(|| passing(true)) else { break };
             model = Ok(best);
         }
@@ -265,7 +266,7 @@ impl Search<'_> {
             let terms = gone.add(model.layout().terms, false);
             model = self.fit(Layout { terms, ..*model.layout() }, model.values(), 1.0)?;
         }
-        // Friction is in every device. If friction explains the record as well as an amplifier or offset term, this
+        // Every device has friction. So if friction explains the record as well as an amplifier or offset term, that
         // term is not reported.
         let others = [Term::Amplifier, Term::Offset].into_iter();
         for term in others.filter(|_| !model.layout().terms.friction) {
@@ -292,8 +293,8 @@ impl Search<'_> {
         inside.map(|term| model.tested(term, candidates)).collect()
     }
 
-    /// The best fit with one more term; `None` if no fit leaves a smaller residual. With `likely`, a term is only tried
-    /// if a linear step promises a significant reduction.
+    /// The best fit with one more term; `None` if no fit leaves a smaller residual. If `likely` is true, a term is only
+    /// tried if a linear step promises a significant reduction.
     fn with(
         &self,
         term: Term,
@@ -366,7 +367,7 @@ impl Search<'_> {
     }
 
     fn with_phase(&self, before: &Model, likely: bool) -> Option<Model> {
-        // At constant speed, the quantiser's sawtooth also has lines over the position.
+        // At constant speed, the quantiser's sawtooth also gives lines in the spectrum over the position.
         let residual = &before.weighed.found;
         let is_quantised = residual.is_bound_by_quantisation() && self.is_explained(before);
         if likely && (is_quantised || self.weighting.is_force()) {
@@ -397,14 +398,14 @@ impl Search<'_> {
         {
             model = twice;
         }
-        // With a steeper error, the reading would fall while the position rises.
+        // With an encoder error that is steeper than this, the reading would fall while the position rises.
         let [first, second, _, cycle] = model.estimates.phase?;
         let is_encoder = TAU * (first.value + 2.0 * second.value.abs()) < cycle.value;
         (is_encoder && model.squares() < before.squares()).then_some(model)
     }
 
-    /// Whether a delay can replace the amplifier's lag with an equal residual. Returns the latency of this fit, rows.
-    /// `None` if the record distinguishes delay and lag, or if the latency is fitted.
+    /// Tries whether a delay instead of the amplifier's lag leaves an equal residual. If so, returns the latency of
+    /// this fit in rows. Returns `None` if the record distinguishes delay and lag, or if the latency is fitted.
     pub(super) fn delay_instead(&self, model: &Model) -> Option<f64> {
         let layout = *model.layout();
         let latency_s = layout.latency_s.filter(|_| layout.terms.lag)?;
@@ -420,7 +421,7 @@ impl Search<'_> {
         (more < enough()).then(|| delayed.values().of(Parameter::Latency) / step_s)
     }
 
-    /// Linear estimate of the reduction of the sum of squares by a term.
+    /// Estimates by how much a term would reduce the sum of squares. The estimate is linear.
     pub(super) fn explains(&self, term: Term, model: &Model) -> Option<f64> {
         let mut more = Layout { terms: term.add(model.layout().terms, true), ..*model.layout() };
         if term == Term::Phase {
@@ -430,7 +431,7 @@ impl Search<'_> {
         self.explains_by(more, term.parameter(), model)
     }
 
-    /// Linear estimate of the reduction of the sum of squares by one more parameter.
+    /// Estimates by how much one more parameter would reduce the sum of squares. The estimate is linear.
     pub(super) fn explains_by(
         &self,
         layout: Layout,
@@ -442,8 +443,8 @@ impl Search<'_> {
         promised.is_finite().then_some(promised)
     }
 
-    /// Linear estimate of the reduction of the sum of squares by one more force. The force depends on command, position
-    /// and speed.
+    /// Estimates by how much one more force would reduce the sum of squares. The estimate is linear. The force depends
+    /// on command, position and speed.
     pub(super) fn explains_force(
         &self,
         force: impl Fn(f64, f64, f64) -> f64,
@@ -479,7 +480,7 @@ impl Search<'_> {
         promised.is_finite().then_some(promised)
     }
 
-    /// The same fit. Its weights convert the residual to the force that is missing in the model.
+    /// Fits the model again, with weights that convert the residual to the force that is missing in the model.
     fn by_force(&mut self, mut model: Model, values: &Values) -> Result<Model, String> {
         let most = self.records.iter().map(Fitted::rows).min().unwrap_or(0) / STRIDES;
         let is_auto = self.options.terms == Terms::Auto;
@@ -511,31 +512,32 @@ impl Search<'_> {
         Ok(model)
     }
 
-    /// The same fit. Its weights convert the residual to the missing force over `stride` rows.
+    /// Fits the model again, with weights that convert the residual to the missing force over `stride` rows.
     fn by_stride(&self, model: &Model, stride: usize) -> Result<Model, String> {
         let search = Search { weighting: self.force(model, stride), ..*self };
         let mut layout = *model.layout();
         if self.options.terms == Terms::Auto {
-            // A slowly varying residual has lines over the position that do not come from the encoder.
+            // A slowly varying residual also gives lines in the spectrum over the position. They do not come from the
+            // encoder.
             let terms = Term::Phase.add(layout.terms, false);
             layout = Layout { terms, cycles_per_m: None, ..layout };
         }
         search.fit(layout, model.values(), model.cycles)
     }
 
-    /// The weighting that converts a residual to the force that is missing in the model.
+    /// The weighting that converts a residual to the force that is missing in the model, over `stride` rows.
     fn force(&self, model: &Model, stride: usize) -> Weighting {
         let motion = self.problem(model.values().clone()).motion(0);
         Weighting::of_force(&motion, self.records[0].record.step_s, stride)
     }
 
-    /// Part of row errors that the fit does not remove.
+    /// The part of the rows' errors that the fit does not remove.
     fn left(&self, model: &Model, errors: DVector<f64>) -> DVector<f64> {
         let Some(weights) = self.weights() else { return model.without(&errors) };
         model.without(&errors.component_mul(&weights)).component_div(&weights)
     }
 
-    /// Weights of the rows, if the weights differ.
+    /// Weights of the rows; `None` if all rows have the same weight.
     fn weights(&self) -> Option<DVector<f64>> {
         let Weighting::Readings(weights) = &self.weighting else { return None };
         Some(DVector::from_vec(weights.concat()))
@@ -549,19 +551,19 @@ impl Search<'_> {
         Problem { records: self.records, values, weighting: &self.weighting }
     }
 
-    /// Whether the residual is white, or agrees with quantisation.
+    /// Whether the model explains the residual: the residual is white, or it agrees with quantisation.
     pub(super) fn is_explained(&self, model: &Model) -> bool {
         let residual = &model.weighed.found;
         residual.is_white() || (residual.is_bound_by_quantisation() && self.misfit(model).is_none())
     }
 
-    /// The misfit of a model's residual, if the residual does not agree with quantisation.
+    /// The misfit of a model's residual; `None` if the residual agrees with quantisation.
     pub(super) fn misfit(&self, model: &Model) -> Option<Misfit> {
         let left = |errors| self.left(model, errors);
         *model.misfit.get_or_init(|| misfit(&model.weighed, self.weights().as_ref(), left))
     }
 
-    /// Widens the intervals by terms that the record can neither show nor exclude.
+    /// Widens the intervals because of terms that the record can neither show nor exclude.
     fn widen(&self, model: &mut Model) -> Result<(), String> {
         if self.options.terms != Terms::Auto {
             return Ok(());
@@ -627,14 +629,14 @@ impl Search<'_> {
         }
     }
 
-    /// The strongest line of the residual over the position.
+    /// Finds the strongest line in the spectrum of the residual over the position.
     fn of_encoder(&self, model: &Model) -> Option<cycle::Line> {
         let residual = (model.solution.residual_m.as_slice(), model.weighed.unit_m);
         cycle::strongest(self.records, residual, self.options.cycle_m)
     }
 
-    /// The strongest line of the missing force over the position. Several strides are tried. A long stride averages
-    /// over short pitches. With a short stride, noise hides the force.
+    /// Finds the strongest line in the spectrum of the missing force over the position. Several strides are tried. A
+    /// long stride averages over short pitches. With a short stride, noise hides the force.
     fn of_motor(&self, model: &Model) -> Option<cycle::Line> {
         let pieces = model.weighed.pieces();
         let lines = STRIDES_OF_COGS.into_iter().filter_map(|stride| {
@@ -668,7 +670,7 @@ impl Search<'_> {
         (model.squares() < before.squares()).then_some(model)
     }
 
-    /// First values with a Stribeck curve, for each speed of [`FALLS`].
+    /// First values of a fit with a Stribeck curve, for each speed in [`FALLS`].
     fn stribeck_starts(&self, start: &Values) -> Vec<Values> {
         let fastest =
             self.records.iter().flat_map(|Fitted { record, positions_m, first, .. }| {
@@ -688,8 +690,8 @@ impl Search<'_> {
         FALLS.into_iter().map(of).collect()
     }
 
-    /// A fit of `layout` from the values of any layout. If friction holds the handle at the first row, the first speed
-    /// is 0 and is not fitted.
+    /// Fits `layout`, beginning with the values of any layout. If friction holds the handle at the first row, the first
+    /// speed is 0 and is not fitted.
     fn fit(&self, layout: Layout, from: &Values, cycles: f64) -> Result<Model, String> {
         let mut values = self.held(from.within(layout));
         loop {
@@ -701,7 +703,7 @@ impl Search<'_> {
         }
     }
 
-    /// The values without the first speeds of records in which friction holds the handle at the first row.
+    /// The values without some first speeds: those of records in which friction holds the handle at the first row.
     fn held(&self, values: Values) -> Values {
         let problem = self.problem(values);
         let (layout, values) = (*problem.values.layout(), &problem.values);
@@ -709,8 +711,8 @@ impl Search<'_> {
         if held == layout { problem.values } else { values.within(held) }
     }
 
-    /// Bit set of the records in which friction holds the handle at the first row. In these records, the fitted speed
-    /// at the first row would let the handle slide by less than a count.
+    /// Finds the records in which friction holds the handle at the first row. Bit n of the result stands for record n.
+    /// In these records, the fitted speed at the first row would let the handle slide by less than a count.
     fn resting(&self, problem: &Problem<'_>) -> u64 {
         let least_m = self.options.resolution_m.max(1e-9);
         let rests = |index: usize| {
@@ -725,7 +727,7 @@ impl Search<'_> {
             .fold(0, |bits, index| bits | 1 << index)
     }
 
-    /// Values after one Gauss-Newton step, and the promised reduction of the sum of squares.
+    /// The values after one Gauss-Newton step, and the reduction of the sum of squares that it promises.
     fn linear_step(&self, values: &Values) -> Option<(Values, f64)> {
         let problem = self.problem(values.clone());
         let residual = -problem.residuals()?;
@@ -749,7 +751,7 @@ impl Search<'_> {
         values.vector().iter().all(|value| value.is_finite()).then_some((values, gain))
     }
 
-    /// First values from the first record. Only windows in which the handle moves are used.
+    /// First values of a fit, from the first record. Only windows in which the handle moves are used.
     fn in_motion(&self, start: &Values, windows: usize) -> Option<Values> {
         let Fitted { record, positions_m, first, added_kg, .. } = &self.records[0];
         let latency = start.of(Parameter::Latency) / record.step_s;
@@ -786,7 +788,7 @@ impl Search<'_> {
         values
     }
 
-    /// Largest force of the records, N.
+    /// Largest force in the records, in N.
     fn force_n(&self, values: &Values) -> f64 {
         let volts = self.records.iter().flat_map(|fitted| &fitted.record.command);
         let most_v = volts.fold(0.0, |most: f64, volt| most.max(volt.abs()));
@@ -794,7 +796,8 @@ impl Search<'_> {
     }
 }
 
-/// The parameter with the largest component along the direction about which the record has the least information.
+/// The parameter that the record shows least. It has the largest component along the direction about which the record
+/// has the least information.
 fn weakest(jacobian: &DMatrix<f64>) -> Option<usize> {
     let mut scaled = jacobian.clone();
     for mut column in scaled.column_iter_mut() {
@@ -807,7 +810,8 @@ fn weakest(jacobian: &DMatrix<f64>) -> Option<usize> {
     Some(weak.transpose().iamax())
 }
 
-/// Smallest reduction of the sum of squares that is significant for white noise, divided by the mean square.
+/// The smallest reduction of the sum of squares that is significant, divided by the mean square. The noise is taken as
+/// white.
 fn enough() -> f64 {
     Normal::standard().inverse_cdf(FAMILY_P / Term::ALL.len() as f64).powi(2)
 }

@@ -1,4 +1,4 @@
-//! Makes a record from the firmware's telemetry. The source is a capture or the CSV of `telemetry --csv`.
+//! Makes a record from the firmware's telemetry. The telemetry is a capture, or the CSV that `telemetry --csv` writes.
 
 use zwidth::{
     Output,
@@ -19,20 +19,20 @@ use crate::{
     scene::Scene,
 };
 
-/// The necessary columns of the `telemetry` CSV.
+/// Columns that the CSV of `telemetry` must have.
 const COLUMNS: [&str; 5] = ["sample", "position_counts", "force_q30", "command", "flags"];
 
-/// Conversion of telemetry's integers to volts and metres.
+/// Converts the integers of telemetry to volts and metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutputScale {
     rate_hz: f64,
     resolution_m: f64,
     limit_v: f64,
-    /// Code of zero force, and codes per full scale. `None`: the force itself is used.
+    /// The code of zero force, and the number of codes per full scale. `None` if the force itself is converted.
     codes: Option<(f64, f64)>,
 }
 
-/// One frame of a capture or of a CSV.
+/// One frame of a capture, or one row of a CSV.
 #[derive(Clone, Copy)]
 struct Sent {
     line: usize,
@@ -44,11 +44,12 @@ struct Sent {
 }
 
 impl OutputScale {
-    /// The conversion for a scene, from sample rate, count, and volts of full scale. With an `[output]` table the codes
-    /// of the output are converted. Without this table, the force before the rounding to codes is converted.
+    /// The conversion for a scene. It uses the scene's sample rate, the size of a count, and the volts of full scale.
+    /// If the scene has an `[output]` table, the codes of the output are converted. Otherwise the force before the
+    /// rounding to codes is converted.
     ///
     /// # Errors
-    /// One line: an output of the scene is impossible.
+    /// The scene's output is impossible. The message has one line.
     pub fn of_scene(scene: &Scene, resolution_m: f64) -> Result<Self, String> {
         let output = scene.design().output;
         let actuator =
@@ -60,7 +61,7 @@ impl OutputScale {
         Ok(Self { rate_hz, resolution_m, limit_v, codes })
     }
 
-    /// Whether code and force agree, except for the rounding of the code.
+    /// Whether the code agrees with the force. They may differ by the rounding of the code.
     fn fits(&self, sent: &Sent) -> bool {
         let asked = sent.force / f64::from(Force::FULL_SCALE.bits());
         self.codes
@@ -81,10 +82,10 @@ impl OutputScale {
     }
 }
 
-/// The record in a binary capture.
+/// Reads the record in a binary capture.
 ///
 /// # Errors
-/// One line: no frames, or frames that do not give a record.
+/// There are no frames, or the frames do not give a record. The message has one line.
 pub fn from_capture(
     name: &str,
     bytes: &[u8],
@@ -114,7 +115,7 @@ pub fn from_capture(
     record(name, sent.collect(), scale, span, "frame")
 }
 
-/// Whether a text is a CSV of `telemetry --csv`, which has counts and no time.
+/// Whether a text is a CSV that `telemetry --csv` has written. Such a CSV has counts and no time.
 pub(super) fn is_capture_csv(text: &str) -> bool {
     Table::new(text).is_ok_and(|table| {
         let header = table.header();
@@ -122,10 +123,10 @@ pub(super) fn is_capture_csv(text: &str) -> bool {
     })
 }
 
-/// The record in a CSV of `telemetry --csv`.
+/// Reads the record in a CSV that `telemetry --csv` has written.
 ///
 /// # Errors
-/// One line: the error and its place.
+/// The text is no such CSV. The message has one line with the error and its place.
 pub fn from_capture_csv(
     name: &str,
     text: &str,
@@ -196,7 +197,7 @@ mod tests {
         OutputScale::of_scene(&scene, 1e-6).unwrap()
     }
 
-    /// Frames of every tenth sample from 1 s on, modified by `change`.
+    /// A capture with a frame of every tenth sample, beginning at 1 s. `change` may change each frame.
     fn capture(change: impl Fn(u32, &mut Sample)) -> Vec<u8> {
         let dac = zwidth::actuator::Actuator::new(Output::Dac { bits: 12 }).unwrap();
         let force = Force::saturating_from_bits(-(1 << 28));

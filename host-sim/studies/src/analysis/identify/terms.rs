@@ -24,11 +24,11 @@ use super::{
     layout::{Included, Parameter},
 };
 
-/// Probability that the model gets at least one wrong term. The residual must have the properties that the intervals
+/// Probability with which the model gets at least one wrong term, if the residual has the properties that the intervals
 /// assume.
 pub const FAMILY_P: f64 = 0.002;
 
-/// A term in addition to mass, damping and spring.
+/// An effect that may be fitted in addition to mass, damping and spring.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
     /// Coulomb friction of the device.
@@ -61,7 +61,7 @@ impl Term {
         }
     }
 
-    /// The parameter that is 0 without the term. For the encoder's error, this is one of its amplitudes.
+    /// The parameter that is 0 without the term. For the encoder's error it is one of the amplitudes.
     pub(super) fn parameter(self) -> Parameter {
         match self {
             Self::Friction => Parameter::Friction,
@@ -78,7 +78,7 @@ impl Term {
         matches!(self, Self::Cogging | Self::Phase)
     }
 
-    /// Whether the term has parameters of shape in addition to its size.
+    /// Whether the term has parameters of its shape, and not only of its size.
     pub(super) fn is_a_curve(self) -> bool {
         matches!(self, Self::Stribeck | Self::Cogging)
     }
@@ -108,13 +108,13 @@ impl Term {
     }
 }
 
-/// Selection of the fitted terms.
+/// Which terms are fitted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Terms {
-    /// The terms that the record shows.
+    /// Those that the record shows.
     #[default]
     Auto,
-    /// These terms, even if the record does not show them.
+    /// Exactly these terms, even if the record does not show them.
     These {
         friction: bool,
         /// Static friction and Stribeck speed. This term needs `friction`.
@@ -127,7 +127,7 @@ pub enum Terms {
 }
 
 impl Terms {
-    /// No term: the paper's model.
+    /// No further term, as in the paper's model.
     pub const NONE: Self = Self::These {
         friction: false,
         stribeck: false,
@@ -137,7 +137,7 @@ impl Terms {
         phase: false,
     };
 
-    /// The terms for which `has` is true.
+    /// Selects the terms for which `has` is true.
     pub fn these(has: impl Fn(Term) -> bool) -> Self {
         Self::These {
             friction: has(Term::Friction) || has(Term::Stribeck),
@@ -168,43 +168,44 @@ impl Terms {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Phase {
-    /// Amplitude once per cycle, m.
+    /// Amplitude of the part that repeats once per cycle, in m.
     pub first_m: Estimate,
-    /// Amplitude twice per cycle, m. If the record does not show it, 0 without an interval.
+    /// Amplitude of the part that repeats twice per cycle, in m. It is 0 without an interval if the record does not
+    /// show this part.
     pub second_m: Estimate,
-    /// Phase at position 0, rad.
+    /// Phase at position 0, in rad.
     pub phase_rad: Estimate,
-    /// Travel per cycle, m.
+    /// Distance over which the encoder's signals repeat, in m.
     pub cycle_m: Estimate,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stribeck {
-    /// Largest friction at rest, N.
+    /// Largest friction at rest, in N.
     pub static_n: Estimate,
-    /// Speed over which friction falls from static to Coulomb, m/s.
+    /// Speed over which friction falls from static to Coulomb friction, in m/s.
     pub speed_m_per_s: Estimate,
 }
 
-/// `amplitude sin(2 pi x / pitch + phase)`, a force on the device.
+/// The force `amplitude sin(2 pi x / pitch + phase)` on the device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cogging {
     pub amplitude_n: Estimate,
-    /// Travel from cog to cog, m.
+    /// Travel from cog to cog, in m.
     pub pitch_m: Estimate,
-    /// Phase at position 0, rad.
+    /// Phase at position 0, in rad.
     pub phase_rad: Estimate,
 }
 
-/// Values of the terms; `None` if a term is not in the model.
+/// Values of the terms. `None` stands for a term that is not in the model.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Found {
-    /// Force of Coulomb friction, N.
+    /// Force of Coulomb friction, in N.
     pub friction_n: Option<Estimate>,
     pub stribeck: Option<Stribeck>,
-    /// Time constant of the amplifier, s.
+    /// Time constant of the amplifier, in s.
     pub lag_s: Option<Estimate>,
-    /// Constant force on the device, N.
+    /// Constant force on the device, in N.
     pub offset_n: Option<Estimate>,
     pub cogging: Option<Cogging>,
     pub phase: Option<Phase>,
@@ -216,7 +217,7 @@ pub struct Tested {
     pub term: Term,
     /// Value divided by its standard error.
     pub z: f64,
-    /// Probability of a value this far from 0 if the true value is 0, for all candidates together.
+    /// Probability of a value as far from 0 as this one, if the true value is 0. It is for all candidates together.
     pub p: f64,
 }
 

@@ -15,11 +15,11 @@ use crate::{
     scene::{NamedScene, Scene},
 };
 
-/// Number of cases of the short search; `IDENTIFY_CASES` sets another number.
+/// Number of cases of the short search. The environment variable `IDENTIFY_CASES` sets another number.
 const CASES: u64 = 150;
 const BASES: [&str; 3] = ["paper-1um", "hapkit", "smartknob"];
 
-/// Random choices of one case.
+/// The random choices that make one case.
 struct Dice(Xoshiro256PlusPlus);
 
 impl Dice {
@@ -58,14 +58,14 @@ impl Dice {
         self.chance(of).then(|| value(self))
     }
 
-    /// A number that no device would have.
+    /// A number that no real device would give.
     fn odd(&mut self) -> f64 {
         let size = self.decades(1e-300, 1e300);
         self.one(&[0.0, -0.0, 1.0, f64::NAN, f64::INFINITY, f64::MAX, 5e-324, 1e-308, size, size])
     }
 }
 
-/// A device with its drive. The Coulomb friction of the device may vary with the position.
+/// A device and what drives it. The Coulomb friction of the device may vary with the position.
 struct Driven {
     mass_kg: f64,
     damping: f64,
@@ -75,10 +75,10 @@ struct Driven {
     gain: f64,
     resolution_m: f64,
     step_s: f64,
-    /// Speed loop of the drive: speed, m/s, gain, V s/m, and share of the integral.
+    /// The drive's speed loop: the wanted speed in m/s, the gain in V s/m, and the share of the integral.
     loop_of: Option<[f64; 3]>,
     push_v: f64,
-    /// Length of a push, rows.
+    /// Length of a push, in rows.
     push_rows: usize,
     /// First and last row in which the drive acts.
     driven: (usize, usize),
@@ -155,7 +155,7 @@ impl Driven {
     }
 }
 
-/// A record. With `is_odd`, no device could make it.
+/// Columns of a record. If `is_odd` is true, no device could make it.
 fn columns(dice: &mut Dice, resolution_m: f64, radius_m: f64, is_odd: bool) -> [Vec<f64>; 3] {
     let rows = if is_odd { dice.below(200) } else { dice.one(&[101, 200, 400, 800]) };
     let driven = Driven::of(dice, rows, resolution_m, radius_m);
@@ -203,7 +203,7 @@ fn columns(dice: &mut Dice, resolution_m: f64, radius_m: f64, is_odd: bool) -> [
     [times, volts, positions]
 }
 
-/// Frames from a board, or impossible frames.
+/// A record from frames of telemetry. Either a board could send these frames, or they are impossible.
 fn of_telemetry(
     dice: &mut Dice,
     scale: &OutputScale,
@@ -309,7 +309,7 @@ fn gain(dice: &mut Dice) -> GainAsked {
     }
 }
 
-/// The result of a case. All reports of the result are made too.
+/// The result of a case. All reports of the result are made too, because they must not panic either.
 fn answer(case: u64) -> Result<Identification, Error> {
     let dice = &mut Dice::new(case);
     let base = NamedScene::load(dice.one(&BASES))?;
@@ -327,7 +327,7 @@ fn answer(case: u64) -> Result<Identification, Error> {
     let records: Result<Vec<_>, _> =
         (0..records).map(|_| record(dice, &base.scene, resolution_m)).collect();
     let mut records = records.map_err(Error::Input)?;
-    // A second random generator, so that older cases do not change.
+    // This choice uses a second random generator. So older cases do not change.
     let drive =
         Dice::new(!case).one(&[Drive::Voltage, Drive::Voltage, Drive::Force, Drive::Current]);
     records.iter_mut().for_each(|record| record.drive = drive);
@@ -356,7 +356,7 @@ fn any_record_with_any_options_is_answered_or_refused() {
 }
 
 /// A knob in a speed loop. The friction of the knob varies with its angle. The fit of the encoder's error once found
-/// that friction holds the knob at the first row, but continued with a layout that has a first speed.
+/// that friction holds the knob at the first row, but then continued with a layout that still had a first speed.
 #[test]
 fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     const RADIUS_M: f64 = AXIS_M;
@@ -398,7 +398,7 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
         resolution_m: COUNT_RAD * RADIUS_M,
         ..Options::of_scene(&scene, Gain::Given(GAIN_N_M_PER_V / RADIUS_M))
     };
-    // A friction with one cycle per turn is no encoder error. If the motion has one direction, the effect is the same
+    // A friction that varies once per turn is no encoder error. If the motion has one direction, the effect is the same
     // as cogging.
     let found = identify(&[record], &options).unwrap();
     let is_named = found.warnings.iter().any(|warning| warning.contains("not modelled"));
@@ -408,7 +408,8 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     assert!(found.mass_kg.holds(inertia), "{:?} {inertia}", found.mass_kg);
 }
 
-/// A pulse on a mass with damper and spring, with noise. In the record, the voltage is `late_rows` late.
+/// A pulse on a mass with damper and spring. The positions have noise. In the record, the voltage is `late_rows` rows
+/// late.
 fn pulses(seed: u64, late_rows: usize) -> Record {
     const ROWS: usize = 2000;
     let scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -476,15 +477,15 @@ fn a_handle_that_moves_before_its_voltage_is_refused() {
     assert!(error.contains("the latency comes out negative, -5.0"), "{error}");
 }
 
-/// Radius of the axis, m.
+/// Radius of the axis, in m.
 const AXIS_M: f64 = 0.02;
-/// Count of the axis (16,000 counts per turn), and gain of its motor.
+/// Size of a count of the axis in rad (16,000 counts per turn), and gain of its motor.
 const COUNT_RAD: f64 = std::f64::consts::TAU / 16_000.0;
 const GAIN_N_M_PER_V: f64 = 0.387;
 
 /// The exact motion of an axis with Coulomb friction. A proportional loop controls the speed of the axis. The speed is
-/// filtered at 100 Hz. The loop ends at `stop`. The parameters are inertia, kg m^2, damping, N m s/rad, and friction, N
-/// m.
+/// filtered at 100 Hz. The loop ends at `stop`. The first parameters are the inertia in kg m^2, the damping in N m
+/// s/rad and the friction in N m.
 fn axis([inertia, damping, friction]: [f64; 3], gain: f64, rows: usize, stop: usize) -> Record {
     fn advance([j, b, f]: [f64; 3], [x, v]: [f64; 2], torque: f64, left_s: f64) -> [f64; 2] {
         if v == 0.0 && torque.abs() <= f {
@@ -527,8 +528,8 @@ fn of_axis(record: &Record) -> Result<Identification, String> {
     identify(std::slice::from_ref(record), &options)
 }
 
-/// Checks that inertia, damping and friction of an axis are inside their intervals. Also checks that the fit finds no
-/// other term.
+/// Checks that inertia, damping and friction of an axis are inside their intervals. It also checks that the fit finds
+/// no other term.
 fn holds(record: &Record, truth: [f64; 3]) {
     let found = of_axis(record).unwrap();
     let terms = &found.terms;
@@ -559,7 +560,7 @@ fn no_error_of_the_encoder_is_found_that_its_rows_cannot_show() {
     holds(&axis(truth, 1.0, 1100, 1100), truth);
 }
 
-/// In this loop, friction has almost the effect of inertia. The difference is only 1 %.
+/// In this loop, friction has almost the same effect as inertia. They differ by only 1 %.
 #[test]
 fn intervals_hold_a_friction_that_looks_like_inertia() {
     let truth = [0.0192, 0.005, 0.02];
@@ -600,7 +601,7 @@ fn the_term_that_a_record_does_not_show_is_the_one_that_is_named() {
 
 /// A device without a spring in open loop, integrated in steps of 2 us. The parameters are mass, damping, friction,
 /// rise of friction, speed of its fall, and amplitude and pitch of the cogging. The second list has the amplifier's
-/// third power, drag, and friction per metre.
+/// cubic error, the drag, and the friction per metre.
 fn rough(
     [mass, damping, friction, rise, fall, cogging, pitch]: [f64; 7],
     [cubic, drag, per_m]: [f64; 3],

@@ -2,7 +2,7 @@
 //!
 //! **Constant readings.** If the handle rests and the encoder has no noise, many rows have the same reading and the
 //! same error. These rows count as one reading. So if the residual comes from the quantiser, the weight of a row is 1
-//! divided by the number of rows with the same reading.
+//! divided by the number of neighbouring rows with the same reading.
 //!
 //! **Forces.** Some forces are not in the model, for example friction that is not Coulomb's. The mass integrates a
 //! missing force twice. So the residual varies slowly and follows the command. In a closed loop the command also
@@ -21,18 +21,18 @@ use super::motion::Motion;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) enum Weighting {
-    /// Equal weights.
+    /// All rows have the same weight.
     #[default]
     White,
-    /// Square roots of the weights, record by record.
+    /// Each row has its own weight. The lists have the square roots of the weights, one list per record.
     Readings(Vec<Vec<f64>>),
-    /// Conversion to the missing force. `stride` is in rows. `trace` and `determinant` belong to the step over the
-    /// stride.
+    /// The residual is converted to the missing force. `stride` is in rows. `trace` and `determinant` belong to the
+    /// step over the stride.
     Force { stride: usize, trace: f64, determinant: f64 },
 }
 
 impl Weighting {
-    /// Weights for constant readings, with the readings of each record.
+    /// Weights that count constant readings once. `readings` has the readings of each record.
     pub fn of_readings(readings: &[&[f64]]) -> Self {
         let of = |readings: &&[f64]| {
             let stays = readings.chunk_by(|a, b| a == b);
@@ -41,14 +41,14 @@ impl Weighting {
         Self::Readings(readings.iter().map(of).collect())
     }
 
-    /// Conversion to the missing force in a device with this motion.
+    /// Weighting that converts the residual to the missing force, for a device with this motion.
     pub fn of_force(motion: &Motion, step_s: f64, stride: usize) -> Self {
         let [trace, determinant] = motion.invariants(stride as f64 * step_s);
         Self::Force { stride, trace, determinant }
     }
 
-    /// Sum of squares of the first record's weighted errors. Errors at the beginning are left out, because the earlier
-    /// errors are not known.
+    /// Sum of squares of the weighted errors in the first record. The first errors are left out, because the errors
+    /// before them are not known.
     pub fn squares(&self, errors: &[f64]) -> f64 {
         let known = if let Self::Force { stride, .. } = self { 2 * stride } else { 0 };
         self.weighed(0, errors.to_vec()).iter().skip(known).map(|error| error * error).sum()
@@ -58,7 +58,7 @@ impl Weighting {
         matches!(self, Self::Force { .. })
     }
 
-    /// Effective number of rows. Equal readings in sequence count as one row.
+    /// The number of rows that count. Equal readings in sequence count as one row.
     pub fn rows(&self, all: usize) -> f64 {
         match self {
             Self::Readings(weights) => weights.iter().flatten().map(|weight| weight * weight).sum(),
@@ -66,8 +66,8 @@ impl Weighting {
         }
     }
 
-    /// Weighted errors of a record. With [`Force`](Self::Force), the first errors stay unchanged, because the earlier
-    /// errors are not known.
+    /// Weighted errors of a record. With [`Force`](Self::Force), the first errors stay unchanged, because the errors
+    /// before them are not known.
     pub fn weighed(&self, record: usize, mut errors: Vec<f64>) -> Vec<f64> {
         match self {
             Self::White => errors,
@@ -89,8 +89,8 @@ impl Weighting {
         }
     }
 
-    /// Converts the effect of weighted errors to the effect of row errors. With [`Force`](Self::Force) the effect stays
-    /// unchanged, because each weighted error combines several rows.
+    /// Converts an effect of weighted errors to the effect of the rows' own errors. With [`Force`](Self::Force) the
+    /// effect stays unchanged, because each weighted error combines several rows.
     pub fn of_rows(&self, weighed: &mut [f64]) {
         if let Self::Readings(weights) = self {
             weighed

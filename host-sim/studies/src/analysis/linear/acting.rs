@@ -9,14 +9,14 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::scene::element::Chain;
 
-/// The states of a chain that are kept.
+/// Which states of a chain of bodies are kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Acting {
     states: usize,
     /// Indices of the kept states. The handle's position and speed are the first two.
     kept: Vec<usize>,
-    /// A floating body, and the floating body before this body. The position of the first body is taken relative to the
-    /// second body.
+    /// The indices of two floating bodies, one behind the other. The position of the first one is taken relative to the
+    /// second one.
     relative: Option<[usize; 2]>,
 }
 
@@ -53,7 +53,7 @@ impl Acting {
         self.kept.len()
     }
 
-    /// A step of the chain, `exp(A dt) - 1`, and its response to a force, both for the kept states.
+    /// Reduces a step of the chain to the kept states. A step is `exp(A dt) - 1` and the response to a force.
     pub(super) fn reduce(
         &self,
         step: (DMatrix<f64>, DVector<f64>),

@@ -42,30 +42,30 @@ pub use transfer::{TransferFunction, position_response, transfer_function};
 pub const LATENCY_MAX_SAMPLES: f64 = 10_000.0;
 /// Longest allowed output period, in samples. The computing time grows with the square of the period.
 pub const PERIOD_MAX: u32 = 1_000;
-/// Highest order of an estimator.
+/// Highest order that an estimator may have.
 pub const ORDER_MAX: usize = 66;
 
-/// Largest number of iterations for eigenvalues. Usually a few per eigenvalue are enough.
+/// Largest number of iterations to compute eigenvalues. Usually a few per eigenvalue are enough.
 const SCHUR_ITERATIONS: usize = 10_000;
 
 /// A mass on a spring and a damper: `m x'' = F - b x' - k x`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Device {
-    /// Moving mass, above 0 kg.
+    /// Moving mass in kg, above 0.
     pub mass_kg: f64,
-    /// Viscous damping, 0 or more.
+    /// Viscous damping in N s/m, 0 or more.
     pub damping_n_s_per_m: f64,
-    /// Stiffness of the return spring, 0 or more.
+    /// Stiffness of the return spring in N/m, 0 or more.
     pub stiffness_n_per_m: f64,
 }
 
 impl Device {
-    /// The paper's device, section 2.2.2 (identified).
+    /// The device of the paper, with the values that section 2.2.2 identifies.
     pub const PAPER: Self =
         Self { mass_kg: 0.4160, damping_n_s_per_m: 5.5195, stiffness_n_per_m: 11.0626 };
 }
 
-/// The linear elements of the device; none by default. [`crate::scene::element`] describes them.
+/// The linear elements of the device. By default there are none. [`crate::scene::element`] describes them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Elements {
     pub amplifier: Option<Amplifier>,
@@ -82,17 +82,17 @@ pub struct Loop {
     pub elements: Elements,
     /// Sample rate of position and velocity, above 0 Hz.
     pub rate_hz: f64,
-    /// Samples per force output, 1 to [`PERIOD_MAX`].
+    /// Number of samples per force output, 1 to [`PERIOD_MAX`].
     pub period: u32,
-    /// Time from a sample to the force that is computed from this sample, in samples. The latency may be any real
-    /// number from 0 to [`LATENCY_MAX_SAMPLES`].
+    /// Time until the force acts that is computed from a sample, in samples. The latency may be any real number from 0
+    /// to [`LATENCY_MAX_SAMPLES`].
     pub latency_samples: f64,
-    /// Velocity estimator at the sample rate, m/s per m.
+    /// Transfer function of the velocity estimator from position to velocity, at the sample rate.
     pub estimator: TransferFunction,
 }
 
 impl Loop {
-    /// The loop of the paper's section 2.1: a force for every sample, without latency.
+    /// The loop of the paper's section 2.1. Every sample gives a force, and there is no latency.
     #[must_use]
     pub fn single_rate(device: Device, rate_hz: f64, estimator: TransferFunction) -> Self {
         let elements = Elements::default();
@@ -102,7 +102,7 @@ impl Loop {
     /// Checks whether the analysis accepts this loop.
     ///
     /// # Errors
-    /// Names the first quantity that is not finite or out of its range.
+    /// A quantity is not finite or out of its range. The error names the first such quantity.
     pub fn check(&self) -> Result<(), LinearError> {
         let Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = self.device;
         let Elements { amplifier, mode, arm } = self.elements;
@@ -133,7 +133,7 @@ impl Loop {
         self.estimator.check()
     }
 
-    /// The plant as one system. Positions are relative to rest.
+    /// The plant as one system. Its positions are measured from rest.
     pub(crate) fn chain(&self) -> Chain {
         let Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = self.device;
         let Elements { amplifier, mode, arm } = self.elements;
@@ -153,7 +153,8 @@ impl Loop {
         1.0 / self.rate_hz
     }
 
-    /// Latency as whole output periods, and the rest in samples, 0 <= rest < period.
+    /// Divides the latency into whole output periods and a rest in samples. The rest is at least 0 and below one
+    /// period.
     pub(crate) fn split_latency(&self) -> (usize, f64) {
         let period = f64::from(self.period);
         let whole = (self.latency_samples / period).floor();

@@ -1,13 +1,14 @@
-//! The matrix of the closed loop over one output period. The eigenvalues of this matrix show whether the loop is
+//! The matrix that takes the closed loop's state over one output period. Its eigenvalues show whether the loop is
 //! stable.
 
 use super::{LinearError, Loop, SCHUR_ITERATIONS, acting::Acting};
 use crate::scene::element::{Chain, STATES_MAX};
 use nalgebra::{Complex, DMatrix, Schur, linalg::balancing};
 
-/// `state(n+1) = (fixed + K stiff + B damped) state(n)` over one output period. The matrix is the product of the steps
-/// between all events within the period. The events are samples and the change of the command. The state contains the
-/// plant's state at the output instant, the estimator's memory, and the commands that are delayed by the latency.
+/// The matrix `fixed + K stiff + B damped`. It takes the state from one output instant to the next. The matrix is the
+/// product of the steps between all events within the period. The events are samples and the change of the command. The
+/// state contains the plant's state at the output instant, the estimator's memory, and the commands that are delayed by
+/// the latency.
 #[derive(Clone, Debug)]
 pub struct Monodromy {
     fixed: DMatrix<f64>,
@@ -46,8 +47,8 @@ impl Monodromy {
         self.fixed.nrows()
     }
 
-    /// Eigenvalues for a stiffness, N/m, and a damping, N s/m. `None` if the iteration does not converge, for example
-    /// because numbers exceed the range of f64.
+    /// Eigenvalues of the matrix for a stiffness in N/m and a damping in N s/m. `None` if the iteration does not
+    /// converge, for example because numbers exceed the range of f64.
     #[must_use]
     pub fn eigenvalues(&self, stiffness: f64, damping: f64) -> Option<Vec<Complex<f64>>> {
         let mut matrix = &self.fixed + &self.stiff * stiffness + &self.damped * damping;
@@ -59,8 +60,8 @@ impl Monodromy {
         Some(schur.complex_eigenvalues().iter().copied().collect())
     }
 
-    /// Largest magnitude of an eigenvalue. The loop is stable if this radius is below 1. Infinite if the eigenvalues
-    /// cannot be computed.
+    /// Largest magnitude of an eigenvalue. The loop is stable if this radius is below 1. It is infinite if the
+    /// eigenvalues cannot be computed.
     #[must_use]
     pub fn spectral_radius(&self, stiffness: f64, damping: f64) -> f64 {
         self.eigenvalues(stiffness, damping).map_or(f64::INFINITY, |all| {
@@ -73,14 +74,14 @@ impl Monodromy {
 struct Stepper {
     num: Vec<f64>,
     den: Vec<f64>,
-    /// Number of the estimator's states.
+    /// Number of states that the estimator has.
     order: usize,
-    /// Number of delayed commands at an output instant, newest first.
+    /// Number of commands that are still delayed at an output instant. The newest comes first.
     queue: usize,
-    /// Whether the command changes within the period, and not at its start.
+    /// Whether the command changes within the period. It is false if it changes at the period's start.
     splits: bool,
     period: u32,
-    /// Sample in which the command changes.
+    /// Index of the sample during which the command changes.
     change: u32,
     /// Number of states of the plant.
     plant: usize,
@@ -89,12 +90,12 @@ struct Stepper {
     parts: [Step; 2],
 }
 
-/// State of the plant; unused elements are 0.
+/// State of the plant. Elements that a plant does not use are 0.
 type Plant = [f64; STATES_MAX];
 
 /// One exact step of the plant.
 struct Step {
-    /// Rows of the matrix, one per state of the plant.
+    /// Rows of the matrix. Each state of the plant has one.
     phi: Vec<Plant>,
     gamma: Plant,
 }
@@ -160,7 +161,7 @@ impl Stepper {
         self.plant + self.order + self.queue
     }
 
-    /// The matrix without a wall.
+    /// The matrix if there is no wall.
     fn uncontrolled(&self) -> DMatrix<f64> {
         let states = self.states();
         let mut matrix = DMatrix::zeros(states, states);
@@ -173,7 +174,7 @@ impl Stepper {
         matrix
     }
 
-    /// The state after one period with one newton of command. The first state is zero.
+    /// The state after one period with a command of one newton. It begins with a state of zero.
     fn after_one_newton(&self) -> Vec<f64> {
         let mut state = vec![0.0; self.states()];
         self.advance(&mut state, 1.0);
@@ -206,7 +207,7 @@ impl Stepper {
         queue.copy_from_slice(&commands[..self.queue]);
     }
 
-    /// Updates the estimator, direct form 2 transposed.
+    /// Updates the estimator's memory. The form is direct form 2 transposed.
     fn remember(&self, memory: &mut [f64], x: f64) {
         let y = self.num[0] * x + memory.first().copied().unwrap_or(0.0);
         for i in 0..self.order {

@@ -25,14 +25,15 @@ use crate::{
 use core::f64::consts::{PI, TAU};
 use nalgebra::{Complex, DMatrix, DVector, Schur};
 
-/// One frequency of the curve on which a root lies on the unit circle: `K = -(inverse + B velocity)`.
+/// A frequency, and the curve's values there. On the curve `K = -(inverse + B velocity)` a root lies on the unit
+/// circle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {
-    /// Radians per output period.
+    /// Frequency in radians per output period.
     pub(super) omega: f64,
-    /// 1 / Hx, N/m.
+    /// The value 1 / Hx, in N/m.
     pub(super) inverse: Complex<f64>,
-    /// Hv / Hx, 1/s.
+    /// The value Hv / Hx, in 1/s.
     pub(super) velocity: Complex<f64>,
 }
 
@@ -43,8 +44,8 @@ impl Point {
     }
 }
 
-/// Response of the position at one sample within a period. The response has a part from the state (x, v) at the start
-/// of the period, and a part from each of the two forces.
+/// Response of the position at one sample within a period. One part comes from the state (x, v) at the start of the
+/// period. Each of the two forces gives another part.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     x: f64,
@@ -62,8 +63,8 @@ struct Alone {
     samples: Vec<Sample>,
 }
 
-/// A device with linear elements. Speeds are in m per period and the force in m per period^2, so that the elements of
-/// the matrix have similar sizes.
+/// A device with linear elements. Speeds are in m per period, and the force is in m per period^2, so that the elements
+/// of the matrix have similar sizes.
 #[derive(Clone, Debug)]
 struct Augmented {
     less: DMatrix<f64>,
@@ -71,7 +72,7 @@ struct Augmented {
     before: DVector<f64>,
     /// Response of the position at each sample: to the state at the start of the period, and to each of the two forces.
     samples: Vec<(DVector<f64>, f64, f64)>,
-    /// Frequencies of the poles and zeros, radians per output period, folded to 0..pi.
+    /// Frequencies of the poles and zeros, in radians per output period. They are folded into 0 to pi.
     marks: Vec<f64>,
 }
 
@@ -81,20 +82,20 @@ enum Plant {
     Augmented(Augmented),
 }
 
-/// Three values: the positions at the samples of a period, the first of these positions, and 1 / Hx times this first
-/// position, without the whole periods of latency.
+/// Three values: the positions at the samples of a period, the first of these positions, and `1 / Hx` times this first
+/// position. The third leaves out the whole periods of latency.
 type Positions = (Vec<Complex<f64>>, Complex<f64>, Complex<f64>);
 
 /// The open loop, prepared for many frequencies.
 #[derive(Clone, Debug)]
 pub(super) struct Response {
     plant: Plant,
-    /// Whole output periods of latency.
+    /// The latency as a number of whole output periods.
     pub(super) late: usize,
     estimator: TransferFunction,
 }
 
-/// phi z, from `phi - 1` plus the identity.
+/// The product `phi z`. It is computed from `phi - 1`, plus the identity.
 fn through(step: &Increment, z: [f64; 2]) -> [f64; 2] {
     let [[a, b], [c, d]] = step.phi_minus_one;
     [z[0] + a * z[0] + b * z[1], z[1] + c * z[0] + d * z[1]]
@@ -106,7 +107,7 @@ impl Alone {
         let (w2, d) = (of.device.stiffness_n_per_m / mass, of.device.damping_n_s_per_m / mass);
         let step = |samples: f64| oscillator_increment(w2, d, samples * of.sample_s());
         let period = f64::from(of.period);
-        // Response `at` samples after the start of the period, to the present command and to the previous command.
+        // Response to the present command and to the previous command, `at` samples after the start of the period.
         let forces = |at: f64| {
             if at <= rest {
                 ([0.0, 0.0], step(at).gamma)
@@ -190,7 +191,7 @@ impl Augmented {
                 + if row == column { delta } else { 0.0.into() }
         });
         let gamma = DVector::from_fn(states, |row, _| z_inverse * self.before[row] + self.now[row]);
-        // Exactly at a pole the response is infinite, and so are its parts.
+        // Exactly at a pole, the response and all its parts are infinite.
         let state = matrix
             .lu()
             .solve(&gamma)
@@ -235,7 +236,7 @@ impl Response {
         Ok(Self { plant, late, estimator: of.estimator.clone() })
     }
 
-    /// Frequencies near which the response changes fast, radians per output period.
+    /// Frequencies near which the response changes fast, in radians per output period.
     pub(super) fn marks(&self) -> &[f64] {
         match &self.plant {
             Plant::Alone(_) => &[],
@@ -268,7 +269,8 @@ impl Response {
         Point { omega, inverse, velocity }
     }
 
-    /// Estimated velocity at the output instants, from the positions at the samples of a period.
+    /// Response of the estimated velocity at the output instants. It is computed from the positions at the samples of a
+    /// period.
     fn lifted(&self, omega: f64, outside: f64, positions: &[Complex<f64>]) -> Complex<f64> {
         let period = positions.len() as f64;
         let shrink = libm::pow(1.0 + outside, -1.0 / period);

@@ -1,4 +1,5 @@
-//! Compares with values that another program computed in double precision, and tests the ends of the accepted range.
+//! Compares the linear analysis with values that another program computed in double precision. Tests the ends of the
+//! accepted range too.
 
 use super::*;
 
@@ -22,7 +23,7 @@ fn assert_printed(ours: f64, printed: f64, what: &str) {
 
 #[test]
 fn single_rate_boundary_as_printed() {
-    // The paper's section 2.1 at 10 kHz.
+    // The loop of the paper's section 2.1 at 10 kHz.
     let dampings = [0.0, 10.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0];
     let table: [(Option<f64>, [f64; 8]); 10] = [
         (Some(20.0), [110_414., 97_717., 3_883., 0., 0., 0., 0., 0.]),
@@ -94,7 +95,7 @@ fn single_rate_boundary_as_printed() {
 
 #[test]
 fn latency_as_printed() {
-    // Force at 1 kHz, plain difference, whole samples of latency.
+    // The force changes at 1 kHz. The estimator is the plain difference. The latency has whole samples.
     let table: [(f64, &[(f64, f64)]); 5] = [
         (
             0.0,
@@ -127,12 +128,12 @@ fn latency_as_printed() {
     }
 }
 
-/// Pairs of a damping and a printed limit.
+/// Four pairs, each of a damping and the limit that the other program printed.
 type Row = [(f64, f64); 4];
 
 #[test]
 fn multirate_boundary_as_printed() {
-    // Estimate at 10 kHz, force at 1 kHz.
+    // The estimator runs at 10 kHz, the force changes at 1 kHz.
     let table: [(Option<f64>, Row); 6] = [
         (Some(50.0), [(0., 11_064.), (20., 19_684.), (50., 18_661.), (100., 11_183.)]),
         (Some(100.0), [(0., 11_064.), (20., 35_174.), (50., 47_614.), (100., 46_923.)]),
@@ -181,7 +182,7 @@ fn passivity_as_printed() {
         21.0,
         "10 kHz, unfiltered",
     );
-    // First-order filter by the backward mapping; tau is in samples.
+    // A first-order filter that was made with the backward mapping. Its time constant tau is in samples.
     for (tau, positive, negative) in [(1.0, 2.1667, 5.5), (5.0, 0.9545, 5.5)] {
         let gain = 1e3 / (1.0 + tau);
         let filtered =

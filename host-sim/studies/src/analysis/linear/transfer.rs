@@ -8,12 +8,13 @@ use zwidth::{
     velocity::{ButterworthDesign, FirDesign, KalmanDesign, TrackingLoop},
 };
 
-/// `(num[0] + num[1] z^-1 + ..) / (den[0] + den[1] z^-1 + ..)`. The unit of an estimator is m/s per m = 1/s.
+/// A transfer function `(num[0] + num[1] z^-1 + ..) / (den[0] + den[1] z^-1 + ..)`. The unit of an estimator is m/s per
+/// m = 1/s.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferFunction {
-    /// Numerator, ascending powers of z^-1.
+    /// Coefficients of the numerator, in ascending powers of z^-1.
     pub num: Vec<f64>,
-    /// Denominator, ascending powers of z^-1; `den[0]` is not 0.
+    /// Coefficients of the denominator, in ascending powers of z^-1. `den[0]` is not 0.
     pub den: Vec<f64>,
 }
 
@@ -24,7 +25,8 @@ impl TransferFunction {
         Self { num: vec![rate_hz, -rate_hz], den: vec![1.0] }
     }
 
-    /// The paper's estimator: finite difference and a Butterworth low-pass of second order, not pre-warped.
+    /// The paper's estimator: a finite difference and a Butterworth low-pass of second order. The low-pass is not
+    /// pre-warped.
     ///
     /// # Errors
     /// The core refuses the cutoff.
@@ -50,7 +52,7 @@ impl TransferFunction {
         polynomial(&self.num, z_inverse) / polynomial(&self.den, z_inverse)
     }
 
-    /// Number of poles with |z| above a radius. If the poles cannot be computed, the number of all poles.
+    /// Number of poles with |z| above a radius. If the poles cannot be computed, it is the number of all poles.
     pub(super) fn poles_beyond(&self, radius: f64) -> u32 {
         let order = self.den.len().saturating_sub(1);
         if order == 0 {
@@ -93,8 +95,8 @@ impl From<LowPass> for TransferFunction {
     }
 }
 
-/// The estimator from position to velocity, m/s per m. `None` if the estimator is not linear, or has inputs in addition
-/// to the position.
+/// Transfer function of the estimator from position to velocity, in m/s per m. `None` if the estimator is not linear,
+/// or has inputs in addition to the position.
 ///
 /// # Errors
 /// A parameter is out of range.
@@ -109,8 +111,8 @@ pub fn transfer_function(
     })
 }
 
-/// Response of the estimator to the position alone. An observer has a known acceleration of 0. Adaptive windowing uses
-/// its longest window. Time stamps have an edge in every sample. `None` for Levant's differentiator, which is not
+/// Response of the estimator to the position alone. For an observer, the known acceleration is 0. Adaptive windowing
+/// uses its longest window. Time stamps have an edge in every sample. `None` for Levant's differentiator, which is not
 /// linear anywhere.
 ///
 /// # Errors
@@ -168,7 +170,8 @@ fn kalman([alpha, beta, gamma]: [f64; 3]) -> TransferFunction {
     TransferFunction { num, den }
 }
 
-/// Motion of the handle over a window of `samples` samples, divided by its duration.
+/// Mean speed of the handle over a window of `samples` samples: the motion from the first to the last sample, divided
+/// by the time.
 fn ends(samples: u32, rate_hz: f64) -> TransferFunction {
     let mut num = vec![0.0; samples as usize + 1];
     num[0] = rate_hz / f64::from(samples);
@@ -199,7 +202,7 @@ mod tests {
 
     use super::*;
 
-    /// Allows a few rounding errors. The golden values have 17 digits.
+    /// Tolerance of a few rounding errors. The golden values have 17 digits.
     const COEFFICIENT_TOLERANCE: f64 = 4.0 * f64::EPSILON;
     /// At the lowest cutoff, 1 + a1 + a2 has the rounding error of a1 and a2 relative to b0: 1e-16 / 6e-9.
     const HALF_POWER_TOLERANCE: f64 = 1e-6;
@@ -227,7 +230,7 @@ mod tests {
                 };
                 let filter = TransferFunction::from(LowPass::from(filter));
                 used += 1;
-                // Near half the rate, tan amplifies the rounding error of its argument.
+                // Near half the sample rate, tan amplifies the rounding error of its argument.
                 let tolerance = COEFFICIENT_TOLERANCE
                     * if prewarp && cutoff > 0.4 * rate { 100.0 } else { 1.0 };
                 for (ours, exact) in filter.num.iter().chain(&filter.den[1..]).zip(&row[2..7]) {

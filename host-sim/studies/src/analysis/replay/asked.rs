@@ -13,8 +13,8 @@ use crate::{
     scene::Scene,
 };
 
-/// The named estimator at the cutoff of the scene's filter. Without a name: the scene's filter. Other parameters have
-/// their defaults. Messages call the name `option`.
+/// The estimator with this name, at the cutoff of the scene's filter. Its other parameters have their defaults. Without
+/// a name, the result is the scene's filter. Error messages name the name's option with `option`.
 ///
 /// # Errors
 /// The name is unknown, or a capture does not have the necessary inputs.
@@ -77,7 +77,7 @@ pub fn replay(
     })
 }
 
-/// LSB of the core's velocity, m/s.
+/// LSB of the velocity in the core, converted to m/s.
 pub fn lsb_m_per_s(scene: &Scene) -> f64 {
     scene.encoder.resolution_m * scene.control.rate_hz / 65_536.0
 }
@@ -86,20 +86,20 @@ pub fn lsb_m_per_s(scene: &Scene) -> f64 {
 #[derive(Clone, Debug, Serialize)]
 pub struct Told {
     pub estimator: &'static str,
-    /// Nominal cutoff of the estimator, Hz.
+    /// Nominal cutoff of the estimator, in Hz.
     pub cutoff_hz: f64,
     pub samples: usize,
-    /// Number of the first sample.
+    /// Number of the first sample that was used.
     pub first_sample: u64,
-    /// First sample from which both velocities are equal, bit for bit, up to the end.
+    /// First sample from which on both velocities are equal, bit for bit, up to the end.
     pub same_from_sample: Option<u64>,
-    /// RMS of the difference from the board's velocity.
+    /// RMS of the difference between the velocities of the estimator and of the board.
     pub difference_rms_m_per_s: f64,
-    /// Delay relative to the board's velocity; `None` if nothing moved.
+    /// Delay of the estimator relative to the board's velocity; `None` if nothing moved.
     pub later_s: Option<f64>,
-    /// RMS of the change of the board's velocity from sample to sample.
+    /// RMS of how much the board's velocity changes from sample to sample.
     pub board_change_rms_m_per_s: f64,
-    /// RMS of the change of the estimator's velocity from sample to sample.
+    /// RMS of how much the estimator's velocity changes from sample to sample.
     pub change_rms_m_per_s: f64,
 }
 

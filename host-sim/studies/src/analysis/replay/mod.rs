@@ -18,22 +18,22 @@ use super::recompute::{Recomputed, Row};
 pub use asked::{Told, lsb_m_per_s, replay, velocity};
 pub use rank::{Ranked, Ranking, rank};
 
-/// Longest delay that can be found between two estimators, samples.
+/// Longest delay that can be found between two estimators, in samples.
 const LAG: usize = 500;
-/// Samples at the beginning that are not compared, at most a tenth of all samples. The estimator begins at rest, but
-/// the board's estimator was moving.
+/// Number of samples at the beginning that are not compared, but at most a tenth of all samples. The estimator begins
+/// at rest, but the board's estimator was already moving.
 const SETTLE: usize = 1_000;
-/// Smallest number of samples for a comparison.
+/// Smallest number of samples that a comparison needs.
 const LEAST: usize = 100;
 
-/// The velocities of an estimator and of the board.
+/// The velocities of an estimator and of the board at the same samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Replayed {
     /// Number of the first sample. The samples are consecutive.
     pub first: u64,
     /// Position of each sample.
     pub positions: Vec<Position>,
-    /// Velocity of the board at each sample. This velocity comes from an output, or is computed from keys and counts.
+    /// Velocity of the board at each sample. It is taken from an output, or computed from key frames and counts.
     pub board: Vec<Velocity>,
     /// Velocity of the estimator at each sample.
     pub velocities: Vec<Velocity>,
@@ -43,8 +43,8 @@ impl Replayed {
     /// Runs the estimator from rest over the longest range without a missing sample.
     ///
     /// # Errors
-    /// The capture has no range without a missing sample. The error is the number of samples between two samples of the
-    /// capture.
+    /// In the whole capture, no sample follows directly on another. The error is the distance from one sample of the
+    /// capture to the next, in samples.
     pub fn of(capture: &Recomputed, control: &LoopParameters) -> Result<Self, u64> {
         Self::of_rows(&capture.rows, control)
     }
@@ -83,26 +83,27 @@ impl Replayed {
         self.velocities.is_empty()
     }
 
-    /// First sample from which both velocities are equal, bit for bit, up to the end.
+    /// First sample from which on both velocities are equal, bit for bit, up to the end.
     pub fn same_from(&self) -> Option<u64> {
         let both = self.board.iter().zip(&self.velocities).rev();
         let same = both.take_while(|(board, here)| board == here).count() as u64;
         (same > 0).then(|| self.first + self.len() as u64 - same)
     }
 
-    /// RMS of the difference from the board's velocity, LSB.
+    /// RMS of the difference between both velocities, in LSB.
     pub fn difference(&self) -> f64 {
         rms(self.pairs().map(|[board, here]| here - board))
     }
 
-    /// RMS of the change from sample to sample, LSB: of the board's velocity, and of the estimator's velocity.
+    /// RMS of how much a velocity changes from sample to sample, in LSB. The first value is for the board, the second
+    /// is for the estimator.
     pub fn roughness(&self) -> [f64; 2] {
         let pairs: Vec<[f64; 2]> = self.pairs().collect();
         [0, 1].map(|n| rms(pairs.windows(2).map(|two| two[1][n] - two[0][n])))
     }
 
-    /// Delay relative to the board, samples. The delay is the shift with the smallest difference, interpolated by a
-    /// parabola. `None` if nothing moved. If `stop` is set, the value has no meaning.
+    /// Delay of the estimator relative to the board, in samples. The delay is the shift with the smallest difference,
+    /// interpolated by a parabola. `None` if nothing moved. If `stop` is set, the value has no meaning.
     pub fn later(&self, stop: &AtomicBool) -> Option<f64> {
         let pairs: Vec<[f64; 2]> = self.pairs().collect();
         let moved = pairs.iter().any(|[board, here]| *board != 0.0 && *here != 0.0);
@@ -125,13 +126,13 @@ impl Replayed {
         Some(lag(best) as f64 + bend)
     }
 
-    /// Velocities of the board and of the estimator, LSB, after the estimator has settled.
+    /// Velocities of the board and of the estimator in LSB. They begin when the estimator has settled.
     fn pairs(&self) -> impl Iterator<Item = [f64; 2]> {
         let both = self.board.iter().zip(&self.velocities).skip(SETTLE.min(self.len() / 10));
         both.map(|(board, here)| [board, here].map(|v| f64::from(v.bits())))
     }
 
-    /// The velocities as CSV, in integers of the control loop.
+    /// The velocities as CSV. The numbers are the integers of the control loop.
     pub fn csv(&self) -> String {
         let mut text = String::from("sample,position_counts,board_velocity_lsb,velocity_lsb\n");
         let both = self.board.iter().zip(&self.velocities);
@@ -172,7 +173,7 @@ mod tests {
         Row { sample, position, velocity: None, force: None, told: Some(velocity) }
     }
 
-    /// Counts that a board with this cutoff would record. The handle oscillates at 5 Hz from the 1000th sample on.
+    /// The rows that a board with this cutoff would record. The handle oscillates at 5 Hz from the 1000th sample on.
     fn recorded(cutoff_hz: f64, samples: u32) -> Vec<Row> {
         let control = control(cutoff_hz);
         let mut sampler = Sampler::new(0, CounterWidth::Bits32);
@@ -193,7 +194,7 @@ mod tests {
         let same = Replayed::of_rows(&run, &control(500.0)).unwrap();
         assert!(same.difference() < 3e3, "{}", same.difference());
         assert!(same.later(&NEVER).unwrap().abs() < 0.05);
-        // The delay of a second-order Butterworth filter is sqrt 2 / w.
+        // The delay of a second-order Butterworth filter is sqrt(2) / w.
         let slow = Replayed::of_rows(&run, &control(100.0)).unwrap();
         let wanted = 2f64.sqrt() / std::f64::consts::TAU * (1.0 / 100.0 - 1.0 / 500.0) * 1e4;
         let later = slow.later(&NEVER).unwrap();
@@ -224,7 +225,7 @@ mod tests {
     fn a_capture_without_every_sample_says_how_many_are_missing() {
         let tenth: Vec<Row> = recorded(500.0, 9_000).into_iter().step_by(10).collect();
         assert_eq!(Replayed::of_rows(&tenth, &control(500.0)), Err(10));
-        // Of two stretches, the longer one is used.
+        // If the capture has two stretches, the longer one is used.
         let mut run = recorded(500.0, 9_000);
         run.remove(3_000);
         let replayed = Replayed::of_rows(&run, &control(500.0)).unwrap();

@@ -1,10 +1,10 @@
 //! Ranks the estimators by their errors on recorded counts. The reference is the velocity of a low-pass that runs
 //! forwards and backwards.
 //!
-//! The reference has no delay, but needs the whole record. So a controller cannot use the reference. The low-passed
-//! motion also goes through an ideal encoder, which gives simulated counts. Every estimator is tuned for the smallest
-//! error on the recorded counts, in the core's arithmetic. Its error on the simulated counts, with the same tuning,
-//! shows the effect of an ideal encoder.
+//! The reference has no delay, but needs the whole record. So a controller cannot use the reference. An ideal encoder
+//! also reads the low-passed motion. This gives simulated counts. Every estimator is tuned for the smallest error on
+//! the recorded counts, in the core's arithmetic. Its error on the simulated counts, with the same tuning, shows the
+//! effect of an ideal encoder.
 //!
 //! All quantities are in counts and samples, so the record may have any rate. The tunings belong to a design of 10 kHz,
 //! and are scaled to the record's rate.
@@ -28,44 +28,45 @@ use crate::{
     scene::Scene,
 };
 
-/// Rate of the design whose tunings are tried, Hz. Every estimator has its defaults at this rate.
+/// The tunings are tried in a design with this sample rate, in Hz. Every estimator has its defaults at this rate.
 const RATE_HZ: f64 = 1e4;
-/// Number of points along an axis in one pass of the search.
+/// In one pass, the search tries this number of points along an axis.
 const PLACES: u32 = 9;
-/// Number of passes. Each pass searches a quarter of the range of the pass before.
+/// Number of passes of the search. Each pass searches a quarter of the range of the pass before.
 const PASSES: i32 = 3;
-/// Time that is left out at both ends, in time constants of the low-pass.
+/// Both ends of the record are left out for this time, in time constants of the low-pass.
 const SETTLES: f64 = 2.0;
 
-/// An estimator on the counts of a record.
+/// The result of one estimator on the counts of a record.
 #[derive(Clone, Debug, Serialize)]
 pub struct Ranked {
     pub estimator: &'static str,
-    /// -3 dB frequency of the best tuning, at the record's rate. `None` if the estimator has no tuning.
+    /// Bandwidth of the best tuning (-3 dB), at the record's rate. `None` if the estimator has no tuning.
     pub bandwidth_hz: Option<f64>,
-    /// RMS of the error on the recorded counts.
+    /// RMS of the estimator's error on the recorded counts.
     pub error_m_per_s: f64,
-    /// RMS of the error on the counts of an ideal encoder.
+    /// RMS of the estimator's error on the counts of an ideal encoder.
     pub simulated_error_m_per_s: f64,
 }
 
-/// The ranked estimators, the smallest error first.
+/// The ranked estimators. The one with the smallest error comes first.
 #[derive(Clone, Debug, Serialize)]
 pub struct Ranking {
     pub samples: usize,
     pub rate_hz: f64,
-    /// -3 dB frequency of the low-pass.
+    /// Frequency at which the gain of the low-pass is -3 dB.
     pub reference_hz: f64,
-    /// RMS of the difference between count and low-passed position. An ideal encoder has 0.29 counts.
+    /// RMS of the difference between count and low-passed position. With an ideal encoder it is 0.29 counts.
     pub residual_counts: f64,
     /// RMS of the low-passed velocity.
     pub speed_rms_m_per_s: f64,
     pub estimators: Vec<Ranked>,
-    /// Spearman's rank correlation of both errors.
+    /// Spearman's rank correlation between the errors on recorded and on simulated counts.
     pub spearman: f64,
 }
 
-/// Recorded and simulated counts, the reference velocities in counts per sample, and the samples that are compared.
+/// What an estimator is compared with: recorded and simulated counts, the reference velocities in counts per sample,
+/// and the range of the samples that are compared.
 struct Bench<'a> {
     design: Design,
     counts: [Vec<i32>; 2],
@@ -76,7 +77,7 @@ struct Bench<'a> {
     stop: &'a AtomicBool,
 }
 
-/// Ranks every estimator that needs only the count.
+/// Ranks all estimators that need only the count.
 ///
 /// # Errors
 /// The record has no counts or is too short for the low-pass, or `stop` was set.
@@ -99,7 +100,7 @@ pub fn rank(
     let places: Vec<f64> =
         record.position_m.iter().map(|at| libm::round((at - first_m) / resolution_m)).collect();
     let smooth = both_ways(&places, reference_hz / rate_hz);
-    // An ideal encoder rounds down. The offset of half a count does not change the velocity.
+    // An ideal encoder rounds down. This offset of half a count does not change the velocity.
     let residual: Vec<f64> =
         places.iter().zip(&smooth).map(|(place, smooth)| place - smooth).collect();
     let settles = SETTLES * rate_hz / reference_hz;
@@ -153,7 +154,8 @@ pub fn rank(
 }
 
 impl Bench<'_> {
-    /// RMS of an estimator's error on recorded (0) or simulated (1) counts, counts per sample.
+    /// RMS of an estimator's error, in counts per sample. `of` is 0 for the recorded counts and 1 for the simulated
+    /// counts.
     fn error(&self, velocity: &VelocitySettings, of: usize) -> Result<f64, Error> {
         interrupt::unless(self.stop)?;
         let wall = WallSettings {
@@ -174,9 +176,8 @@ impl Bench<'_> {
         Ok(rms(off[self.inner.clone()].iter().copied()))
     }
 
-    /// The settings at a point on the axes. Levant's bandwidth is defined for an error of one count. This bandwidth has
-    /// no meaning if the acceleration is many counts. So Levant's parameter goes from 1/30 to 30 times the largest
-    /// acceleration.
+    /// The settings at a point on the axes. Levant's bandwidth is defined for an error of one count. It has no meaning
+    /// if the acceleration is many counts. So Levant's parameter goes from 1/30 to 30 times the largest acceleration.
     fn at(&self, axes: &Axes, place: [f64; 2]) -> VelocitySettings {
         let settings = axes.at(place);
         match settings {
@@ -187,7 +188,7 @@ impl Bench<'_> {
         }
     }
 
-    /// The tuning with the smallest error on the recorded counts, and this error.
+    /// Searches the tuning with the smallest error on the recorded counts. Returns the tuning and this error.
     fn best(
         &self,
         start: VelocitySettings,
@@ -223,8 +224,8 @@ impl Bench<'_> {
     }
 }
 
-/// A Butterworth low-pass of second order, run forwards and then backwards. `of_rate` is the -3 dB frequency of one
-/// pass, divided by the rate.
+/// Runs a Butterworth low-pass of second order forwards and then backwards. `of_rate` is the -3 dB frequency of one
+/// pass, divided by the sample rate.
 fn both_ways(values: &[f64], of_rate: f64) -> Vec<f64> {
     let w = libm::tan(std::f64::consts::PI * of_rate);
     let norm = 1.0 / (1.0 + std::f64::consts::SQRT_2 * w + w * w);
@@ -246,13 +247,13 @@ fn both_ways(values: &[f64], of_rate: f64) -> Vec<f64> {
     values
 }
 
-/// RMS about the mean.
+/// RMS of the deviations from the mean.
 fn spread(values: &[f64]) -> f64 {
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     rms(values.iter().map(|value| value - mean))
 }
 
-/// Rank correlation of both errors. The rows are sorted by the first error.
+/// Rank correlation of the two errors. The rows are sorted by the first error.
 fn spearman(rows: &[Ranked]) -> f64 {
     let mut order: Vec<usize> = (0..rows.len()).collect();
     order.sort_by(|a, b| {
@@ -270,7 +271,7 @@ mod tests {
 
     static NEVER: AtomicBool = AtomicBool::new(false);
 
-    /// Counts of an ideal encoder on a motion of two sines, 2 s at 1 kHz.
+    /// What an ideal encoder records of a motion of two sines. The record lasts 2 s at 1 kHz.
     fn record(noise: impl Fn(u32) -> f64) -> Record {
         let position = |n: u32| {
             let t = f64::from(n) * 1e-3;
@@ -300,10 +301,10 @@ mod tests {
         assert!(ranking.spearman > 0.9, "{}", ranking.spearman);
         let rows = &ranking.estimators;
         let of = |name: &str| rows.iter().find(|row| row.estimator == name).unwrap();
-        // The sweeps of the scenes give the same orders.
+        // Sweeps of the scenes order these estimators in the same way.
         assert!(of("kalman-3").error_m_per_s < of("kalman-2").error_m_per_s);
         assert!(of("butterworth").error_m_per_s < of("difference").error_m_per_s);
-        // The error of a difference comes from two roundings and a delay of half a sample.
+        // The error of the plain difference comes from two roundings and from a delay of half a sample.
         let known = (2.0f64 / 12.0).sqrt() * 1e-2;
         assert!((of("difference").error_m_per_s / known - 1.0).abs() < 0.3);
         for row in rows {
@@ -325,7 +326,7 @@ mod tests {
     fn a_low_pass_both_ways_has_no_delay() {
         let wave: Vec<f64> = (0..4000).map(|n| (f64::from(n) * 0.05).sin()).collect();
         let smooth = both_ways(&wave, 0.02);
-        // One pass has the gain 1 / sqrt(1 + (tan / tan)^4). Two passes have the square of this gain.
+        // One pass has the gain 1 / sqrt(1 + (tan / tan)^4). Two passes have the square of it.
         let gain = 1.0 / (1.0 + (0.025f64.tan() / (std::f64::consts::PI * 0.02).tan()).powi(4));
         for n in 500..3500 {
             assert!((smooth[n] - gain * wave[n]).abs() < 1e-6, "{n}");

@@ -11,15 +11,15 @@ use crate::{
     study::list::{self, List},
 };
 
-/// Measurement at each point.
+/// What is measured at each point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Measure {
-    /// The boundary of the stable walls from one start.
+    /// The boundary of the stable walls, walked from one start.
     Walk,
-    /// A hit at one wall.
+    /// One hit at one wall.
     Hit,
-    /// Walks at every cutoff, and the ideal cutoff.
+    /// The ideal cutoff. It is found with walks at every cutoff.
     Sweep,
 }
 
@@ -34,18 +34,18 @@ impl Measure {
     }
 }
 
-/// Keys of a scene and their new values.
+/// Keys of a scene, each with its new value.
 pub type Changes = Vec<(String, Value)>;
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Keys {
     pub measure: Measure,
-    /// Names of built-in scenes, and paths.
+    /// Scenes of the study. Each is the name of a built-in scene or a path.
     pub scenes: Vec<String>,
     #[serde(default)]
     estimators: Vec<Value>,
-    /// `None` for the scenes' own cutoffs.
+    /// Cutoffs of the study, in Hz. `None` for the cutoffs of each scene.
     #[serde(default, deserialize_with = "numbers")]
     pub cutoffs_hz: Option<Vec<f64>>,
     #[serde(default, deserialize_with = "numbers")]
@@ -55,7 +55,7 @@ pub struct Keys {
     #[serde(default, deserialize_with = "numbers")]
     dampings: Option<Vec<f64>>,
     repeat: Option<u32>,
-    /// `None` for the default, which is as many points as need some seconds.
+    /// Number of points that make a unit. `None` for the default: as many points as need some seconds.
     pub points_per_unit: Option<u64>,
     #[serde(default)]
     product: Table,
@@ -63,40 +63,40 @@ pub struct Keys {
     list: Vec<Table>,
 }
 
-/// The contents of a study's file. Checks that need the scenes are made later.
+/// The contents of a study's file. Checks for which the scenes must be known are made later.
 #[derive(Clone, Debug)]
 pub struct StudyFile {
     /// Name in error messages.
     pub origin: String,
     pub text: String,
-    /// Folder for scenes with a relative path.
+    /// Folder in which scenes with a relative path are found.
     pub folder: PathBuf,
     pub keys: Keys,
-    /// `[velocity]` of each estimator. Empty for the scenes' own estimators.
+    /// The table `[velocity]` for each estimator. The list is empty if each scene uses its own estimator.
     pub estimators: Vec<Table>,
     /// Every key of `[product]` with its values.
     pub product: Vec<(String, Vec<Value>)>,
-    /// Every `[[list]]`. Without a list, one entry without changes.
+    /// The changes of every `[[list]]`. If the file has no list, there is one entry without changes.
     pub list: Vec<Changes>,
 }
 
 impl Keys {
-    /// Starts, counts from the scene's own start.
+    /// Starts of the hits or walks, in counts from the scene's own start.
     pub fn starts_counts(&self) -> &[f64] {
         self.starts_counts.as_deref().unwrap_or(&[0.0])
     }
 
-    /// K of the walls, in the unit of the scenes.
+    /// K of the walls, in the unit that the scenes use.
     pub fn stiffnesses(&self) -> &[f64] {
         self.stiffnesses.as_deref().unwrap_or_default()
     }
 
-    /// B of the walls, in the unit of the scenes.
+    /// B of the walls, in the unit that the scenes use.
     pub fn dampings(&self) -> &[f64] {
         self.dampings.as_deref().unwrap_or_default()
     }
 
-    /// Walks of each cutoff of a sweep.
+    /// Number of walks of each cutoff in a sweep.
     pub fn repeat(&self) -> u32 {
         self.repeat.unwrap_or(REPEAT)
     }
@@ -126,7 +126,7 @@ fn as_number(value: &Value) -> Option<f64> {
     }
 }
 
-/// Kind of a value. `None` if no key can have a value of this kind.
+/// Names the kind of a value. `None` if no key can have a value of this kind.
 fn kind(value: &Value) -> Option<&'static str> {
     match value {
         Value::Integer(_) | Value::Float(_) => Some("number"),
@@ -147,8 +147,8 @@ impl StudyFile {
         Self::parse(text, &path.display().to_string(), folder)
     }
 
-    /// Reads `text`. Errors call it `origin`. `folder` is the folder for scenes with a relative
-    /// path.
+    /// Reads a study from `text`. Error messages name it with `origin`. `folder` is the folder for scenes with a
+    /// relative path.
     ///
     /// # Errors
     /// An error of [`load`](Self::load).
@@ -173,7 +173,7 @@ impl StudyFile {
     }
 }
 
-/// Default number of walks of each cutoff of a sweep.
+/// Default number of walks of each cutoff in a sweep.
 const REPEAT: u32 = 4;
 /// Largest number of walks of each cutoff.
 const REPEAT_MAX: u32 = 1000;
@@ -181,7 +181,7 @@ const REPEAT_MAX: u32 = 1000;
 const PER_UNIT_MAX: u64 = 1_000_000;
 
 impl Keys {
-    /// Checks the keys without any scene.
+    /// Checks those rules for the keys that need no scene.
     fn check(&self) -> Result<(), String> {
         if self.scenes.is_empty() {
             return Err("scenes is empty, allowed built-in names and scene files".into());
@@ -217,7 +217,7 @@ impl Keys {
         }
     }
 
-    /// The estimators as `[velocity]` tables of a scene.
+    /// The estimators of the study, each as a table `[velocity]` of a scene.
     fn estimators(&self) -> Result<Vec<Table>, String> {
         let table = |value: &Value| match value {
             Value::String(name) => {
@@ -231,7 +231,7 @@ impl Keys {
         self.estimators.iter().map(table).collect()
     }
 
-    /// The keys of `[product]` with their values.
+    /// The keys of `[product]`, each with its values.
     fn product(&self) -> Result<Vec<(String, Vec<Value>)>, String> {
         let leaves = flat("product", &self.product)?;
         let mut product = vec![];
@@ -259,7 +259,7 @@ impl Keys {
         Ok(product)
     }
 
-    /// The changes of every `[[list]]`.
+    /// The changes that each `[[list]]` makes.
     fn list(&self, product: &[(String, Vec<Value>)]) -> Result<Vec<Changes>, String> {
         let mut list: Vec<Changes> = vec![];
         for table in &self.list {
@@ -297,7 +297,7 @@ impl Keys {
     }
 }
 
-/// Refuses keys of a scene that have their own key in the study.
+/// Refuses to change a key of a scene that has a key of its own in the study.
 fn may_change(table: &str, key: &str) -> Result<(), String> {
     let place = match key {
         "velocity.estimator" => "the key `estimators` of the study",
@@ -320,7 +320,7 @@ fn one_kind(table: &str, key: &str, values: &[Value]) -> Result<(), String> {
     }
 }
 
-/// The values below a table with dotted keys, in alphabetical order.
+/// The values below a table, each with its dotted key. The keys are in alphabetical order.
 fn flat(name: &str, table: &Table) -> Result<Changes, String> {
     let mut leaves = vec![];
     flatten("", table, &mut leaves);
@@ -331,7 +331,7 @@ fn flat(name: &str, table: &Table) -> Result<Changes, String> {
     }
 }
 
-/// Adds the values below a table with dotted keys.
+/// Adds the values below a table to `leaves`, each with its dotted key.
 fn flatten(above: &str, table: &Table, leaves: &mut Changes) {
     for (key, value) in table {
         let key = if above.is_empty() { key.clone() } else { format!("{above}.{key}") };

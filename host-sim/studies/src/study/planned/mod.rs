@@ -1,10 +1,10 @@
-//! A study with many points, in units of work. A point has a scene, an estimator, changed keys, a cutoff, a start and a
-//! wall.
+//! A study has many points, which are worked on in units. A point has a scene, an estimator, changed keys, a cutoff, a
+//! start and a wall.
 //!
-//! Points are only numbered. So the points of a study need no memory, even a million points. The order is: scenes,
-//! estimators, `[[list]]`, the keys of `[product]` in alphabetical order, cutoffs, starts, B, K. K changes fastest. A
-//! scene with one estimator is a [`Block`]. A unit has consecutive points of one block. `docs/scenes.md` describes the
-//! file, and [`mod@unit`] the unit.
+//! A point is computed from its number when it is needed. So even a million points need no memory. The order is:
+//! scenes, estimators, `[[list]]`, the keys of `[product]` in alphabetical order, cutoffs, starts, B, K. K changes
+//! fastest. A scene with one estimator is a [`Block`]. A unit has consecutive points of one block. `docs/scenes.md`
+//! describes the file, and [`mod@unit`] the unit.
 
 mod file;
 pub mod trial;
@@ -25,25 +25,25 @@ use crate::{
     study::asked::{self, Names, Walls},
 };
 
-/// Version of the units' keys and of their files.
+/// Version of the keys of units and of the files with their results.
 pub const SCHEMA: u32 = 1;
-/// SHA-256 of the sources of core and simulator. The sources determine the bits of a result.
+/// SHA-256 of the sources of core and simulator. A result depends on these sources down to its bits.
 pub const SOURCES: &str = env!("ZWIDTH_SOURCES");
 
-/// Largest number of points of a study.
+/// Largest number of points that a study may have.
 pub const POINTS_MAX: u64 = 1_000_000_000;
-/// Largest number of changed scenes. Each changed scene is checked before the first hit.
+/// Largest number of changed scenes that a study may have. Each of them is checked before the first hit.
 pub const VARIANTS_MAX: u64 = 1_000_000;
-/// Largest number of units of a study.
+/// Largest number of units that a study may have.
 pub const UNITS_MAX: u64 = 100_000;
-/// Default number of samples in a unit. A unit of this size takes some seconds in lanes, and less than a minute without
-/// lanes.
+/// By default, a unit has points with about this number of samples. It takes some seconds in lanes, and less than a
+/// minute without lanes.
 const SAMPLES_PER_UNIT: f64 = 1e9;
-/// Estimated hits of a walk, for the default number of samples in a unit. Walks of the paper's devices have 40 to 160
-/// hits.
+/// Estimated number of hits of a walk. It gives the default number of points in a unit. Walks of the paper's devices
+/// have 40 to 160 hits.
 const HITS_PER_WALK: f64 = 100.0;
 
-/// Names of options in messages of a study.
+/// Names of options that error messages of a study use.
 const NAMES: Names = Names {
     cutoff: "cutoffs_hz",
     stiffness: "stiffnesses",
@@ -51,24 +51,24 @@ const NAMES: Names = Names {
     start_offset: "starts_counts",
 };
 
-/// A scene with one estimator, and the points with both.
+/// A scene with one estimator, and all its points.
 #[derive(Clone, Debug)]
 pub struct Block {
     pub name: String,
-    /// The scene's file with the estimator, before any change.
+    /// The keys of the scene's file, with this estimator. No other key is changed yet.
     pub table: Table,
-    /// Text of the scene's felt curve, if the scene names one.
+    /// Text of the scene's felt curve; `None` if the scene names no curve.
     pub curve: Option<String>,
     pub units: Units,
     pub estimator: &'static str,
-    /// Nominal cutoffs, Hz. One `None` for an estimator without a cutoff.
+    /// Nominal cutoffs in Hz. An estimator without a cutoff has one element, which is `None`.
     pub cutoffs_hz: Vec<Option<f64>>,
-    /// Number of the block's first point in the study.
+    /// Number that the block's first point has in the study.
     pub first_point: u64,
-    /// Number of the block's first unit in the study.
+    /// Number that the block's first unit has in the study.
     pub first_unit: u64,
     pub points: u64,
-    /// Number of points in each unit of the block, except in the last unit.
+    /// Number of points in each unit of the block. The last unit may have fewer.
     pub points_per_unit: u64,
 }
 
@@ -76,26 +76,26 @@ pub struct Block {
 pub struct Study {
     /// The contents of the study's file.
     pub file: StudyFile,
-    /// Each scene with each estimator.
+    /// All combinations of a scene and an estimator.
     pub blocks: Vec<Block>,
     pub points: u64,
     pub units: u64,
     pub files: Vec<PathBuf>,
 }
 
-/// One point: a scene, and its cutoff, wall and start.
+/// One point: a changed scene, and its cutoff, wall and start.
 #[derive(Clone, Debug, Default)]
 pub struct Point {
     pub number: u64,
     /// Index of the changed scene in its block.
     pub variant: u64,
-    /// Nominal cutoff, Hz; `None` for an estimator without a cutoff, and for a sweep.
+    /// Nominal cutoff in Hz. `None` for an estimator without a cutoff, and in a sweep.
     pub cutoff_hz: Option<f64>,
-    /// K, in the scene's units; only for a hit.
+    /// K in the scene's units. Only a hit uses it.
     pub stiffness: f64,
-    /// B, in the scene's units; only for a hit.
+    /// B in the scene's units. Only a hit uses it.
     pub damping: f64,
-    /// Distance from the scene's start, counts.
+    /// Distance from the scene's start, in counts.
     pub start_offset_counts: f64,
 }
 
@@ -175,7 +175,7 @@ impl Study {
         }
         (study.blocks, study.points, study.units, study.files) = (blocks, points, units, files);
         for block in &study.blocks {
-            // Reports the error that is first in order, and not first in time.
+            // Of several errors, the one of the first scene is reported, whichever thread finds its error first.
             let check = |variant| study.checked(block, variant).err();
             if let Some(error) = (0..variants).into_par_iter().find_map_first(check) {
                 return Err(error);
@@ -184,7 +184,7 @@ impl Study {
         Ok(study)
     }
 
-    /// A changed scene of a block.
+    /// Makes a changed scene of a block.
     ///
     /// # Errors
     /// [`Error::Input`] with the changes, key, value, and what is allowed.
@@ -200,7 +200,7 @@ impl Study {
         NamedScene::of_table(block.name.clone(), table, &origin)
     }
 
-    /// A changed scene of a block. Every cutoff, wall and start of the scene's points is checked.
+    /// Makes a changed scene of a block, and checks every cutoff, wall and start of its points.
     fn checked(&self, block: &Block, variant: u64) -> Result<NamedScene, Error> {
         let scene = self.scene(block, variant)?;
         let named = |error: Error| error.of(&self.described(block, variant));
@@ -225,7 +225,7 @@ impl Study {
         Ok(scene)
     }
 
-    /// Name of a changed scene in messages.
+    /// Text that names a changed scene in error messages.
     pub fn described(&self, block: &Block, variant: u64) -> String {
         format!("{}: {}", self.file.origin, described(block, &self.file.changes(variant)))
     }
@@ -235,7 +235,7 @@ impl Study {
         &self.blocks[after.saturating_sub(1)]
     }
 
-    /// The point with the number `within` in its block.
+    /// The point of a block with the number `within`. The numbers begin at 0 in each block.
     #[expect(clippy::cast_possible_truncation, reason = "remainders by lengths")]
     pub fn point(&self, block: &Block, within: u64) -> Point {
         let file = &self.file;
@@ -266,7 +266,7 @@ fn described(block: &Block, changes: &Changes) -> String {
     format!("{}{with}{}", block.name, changes.join(", "))
 }
 
-/// Sets `value` at the dotted key.
+/// Sets `value` at the dotted key of a table.
 fn change(table: &mut Table, key: &str, value: Value) -> Result<(), String> {
     let mut at = table;
     let mut parts: Vec<&str> = key.split('.').collect();
@@ -283,7 +283,7 @@ fn change(table: &mut Table, key: &str, value: Value) -> Result<(), String> {
 }
 
 impl StudyFile {
-    /// A scene's name, or its path relative to the study's file.
+    /// The name of a built-in scene, or the path of a scene relative to the study's file.
     fn place_of(&self, name: &str) -> String {
         let is_built_in = crate::scene::BUILT_IN.iter().any(|(known, _)| {
             name.strip_prefix(known).is_some_and(|rest| rest.is_empty() || rest.starts_with(':'))
@@ -295,13 +295,13 @@ impl StudyFile {
         }
     }
 
-    /// Number of changed scenes for each scene.
+    /// Number of changed scenes that each scene gives.
     pub fn variants(&self) -> u64 {
         let product = self.product.iter().map(|(_, values)| values.len() as u64);
         product.fold(self.list.len() as u64, u64::saturating_mul)
     }
 
-    /// The changes with this number.
+    /// The changes that belong to this number.
     #[expect(clippy::cast_possible_truncation, reason = "remainders by lengths")]
     pub fn changes(&self, variant: u64) -> Changes {
         let mut rest = variant;
@@ -315,8 +315,8 @@ impl StudyFile {
         changes
     }
 
-    /// A scene with an estimator. An empty table gives the scene's own estimator. The points of the block have no
-    /// numbers yet.
+    /// The block of a scene with an estimator. An empty table keeps the scene's own estimator. The points of the block
+    /// have no numbers yet.
     fn block(&self, scene: &NamedScene, estimator: &Table) -> Result<Block, Error> {
         let mut table = scene.table()?;
         if !estimator.is_empty() {

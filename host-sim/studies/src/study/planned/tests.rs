@@ -109,7 +109,7 @@ fn a_walk_and_a_sweep_of_a_study_are_those_of_their_commands() {
     assert_eq!(row[15], table::Cell::Number(swept[0].ideal.unwrap().cutoff_hz));
 }
 
-/// Every wrong value of every key of the file, with the expected error line.
+/// Every wrong value of every key of the file. Each has the error line that it must give.
 #[test]
 fn what_a_study_cannot_be_is_refused_with_key_value_and_what_is_allowed() {
     let good = "measure = \"walk\"\nscenes = [\"paper-2um\"]\ncutoffs_hz = [500]\n";

@@ -1,5 +1,5 @@
-//! Estimates the cost of a study from some runs of its points. The runs are spread evenly over all points. A run has
-//! points of one scene in parallel, as in a unit.
+//! Estimates the cost of a study. Some of its points are run. The runs are spread evenly over all points. A run
+//! computes points of one scene in parallel, as a unit does.
 
 use std::time::{Duration, Instant};
 
@@ -11,34 +11,35 @@ use crate::{
     table::{Cell, csv_line},
 };
 
-/// Number of parts of a trial. Each part has its own time. The spread of these times gives the uncertainty of the time.
+/// A trial has this number of parts. The time of each part is measured. The spread of these times gives the uncertainty
+/// of the whole time.
 const BATCHES: usize = 4;
-/// Largest number of points of a run.
+/// A run has at most this number of points.
 const RUN_MAX: u64 = 64;
-/// Duration after which a trial ends.
+/// A trial ends after this time.
 const LONG: Duration = Duration::from_secs(2);
 
-/// An estimated value of the whole study. The spread over the trial's points or parts gives the uncertainty.
+/// An estimated value of the whole study. Its uncertainty comes from the spread of the trial's points or parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     pub value: f64,
-    /// Half-width of the 95 % interval. 0 if every point was made, or if all values are equal.
+    /// Half-width of the 95 % interval. It is 0 if every point was made, or if all values are equal.
     pub uncertainty: f64,
 }
 
-/// Cost of the study on this machine.
+/// What the study costs on this machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
     pub points: u64,
     pub hits: Estimate,
-    /// Time on all threads, s.
+    /// Time that the study takes on all threads, in s.
     pub time_s: Estimate,
-    /// Bytes of the result as CSV.
+    /// Size of the result as CSV, in bytes.
     pub bytes: Estimate,
 }
 
 impl Study {
-    /// Makes points for some seconds.
+    /// Runs points of the study for some seconds, and estimates its cost.
     ///
     /// # Errors
     /// An error of [`run`](Self::run).
@@ -58,7 +59,7 @@ impl Study {
     }
     fn tried(&self, runs: u64, length: u64, how: How<'_>) -> Result<Trial, Error> {
         let all = u128::from(self.points.div_ceil(length));
-        // Runs begin in the middle of equal parts of all points.
+        // All points are divided into equal parts. Each run begins in the middle of a part.
         let first = |run: u64| {
             let at = (2 * u128::from(run) + 1) * all / (2 * u128::from(runs));
             u64::try_from(at).unwrap_or(0) * length

@@ -1,6 +1,6 @@
-//! A unit of work: a scene, a list of points, the program's sources and the schema. The SHA-256 of these parts is the
-//! key of the unit. The result of a unit is one table. If a unit is made again, on any machine, the result has the same
-//! bits.
+//! A unit of work has a scene, a list of points, the program's sources and the schema. The SHA-256 of these parts is
+//! the key of the unit. The result of a unit is one table. If a unit is made again, on any machine, the result has the
+//! same bits.
 
 use rayon::prelude::*;
 use sha2::{Digest as _, Sha256};
@@ -21,18 +21,18 @@ use crate::{
     table::{Cell, Column, Kind, Table},
 };
 
-/// Largest number of changed scenes in memory.
+/// Largest number of changed scenes that are in memory at once.
 const AT_ONCE: usize = 256;
 
-/// Result of some points.
+/// The result of some points of a study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Made {
     pub table: Table,
-    /// Number of requested hits.
+    /// Number of hits that the points have requested.
     pub hits: u64,
 }
 
-/// SHA-256 of several parts. The length of each part comes before the part.
+/// SHA-256 of several parts. The length of each part is hashed before the part.
 #[derive(Clone, Debug, Default)]
 struct Hash(Sha256);
 
@@ -53,8 +53,8 @@ pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// A scene with its estimator: name, keys in alphabetical order, and felt curve. The content of the curve replaces its
-/// path.
+/// Hashes a scene with its estimator: its name, its keys in alphabetical order, and its felt curve. The content of the
+/// curve replaces the path of the curve.
 fn scene_part(hash: &mut Hash, block: &Block) {
     let mut table = block.table.clone();
     if let Some(Value::Table(hit)) = table.get_mut("wall_hit") {
@@ -65,7 +65,7 @@ fn scene_part(hash: &mut Hash, block: &Block) {
     hash.part(block.curve.as_deref().unwrap_or_default());
 }
 
-/// The cutoffs. An estimator without a cutoff gives one 0.
+/// Hashes the cutoffs. For an estimator without a cutoff, a single 0 is hashed.
 fn cutoffs_part(hash: &mut Hash, block: &Block) {
     let cutoffs_hz = block.cutoffs_hz.iter().map(|hz| hz.unwrap_or_default());
     numbers_part(hash, &cutoffs_hz.collect::<Vec<_>>());
@@ -86,7 +86,7 @@ impl Study {
         hash
     }
 
-    /// Key of the study. Two studies with the same key have the same units with the same bits.
+    /// Key of the study. Two studies with the same key have the same units, and their results have the same bits.
     pub fn key(&self, numeric: Numeric) -> String {
         let mut hash = self.head_part(numeric);
         let file = &self.file;
@@ -142,7 +142,7 @@ impl Study {
             .map(move |within| self.point(block, within))
     }
 
-    /// Makes a unit, on all threads of the current pool.
+    /// Makes a unit. It uses all threads of the current pool.
     ///
     /// # Errors
     /// The handle does not reach the wall, leaves the core's range in a walk, or `stop` was set.
@@ -199,7 +199,7 @@ impl Study {
         columns
     }
 
-    /// Makes points of a block on all threads of the current pool.
+    /// Makes points of a block. It uses all threads of the current pool.
     ///
     /// # Errors
     /// An error of [`run`](Self::run).
@@ -215,7 +215,7 @@ impl Study {
                 let name = self.described(block, points[0].variant);
                 Ok(Variant { study: self, block, scene, prepared, name, points })
             };
-            // Reports the error that is first in order, and not first in time.
+            // Of several errors, the one of the first scene is reported, whichever thread finds its error first.
             let variants: Vec<Result<Variant<'_>, Error>> =
                 variants.par_iter().map(prepare).collect();
             let variants = variants.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -237,7 +237,7 @@ fn kind_of(value: &Value) -> Kind {
     }
 }
 
-/// A changed scene, and its points.
+/// A changed scene of a study, and its points.
 struct Variant<'a> {
     study: &'a Study,
     block: &'a Block,
@@ -248,7 +248,7 @@ struct Variant<'a> {
 }
 
 impl Variant<'_> {
-    /// The first cells of a row: number, scene, estimator, changes.
+    /// The first cells of a row: the point's number, the scene, the estimator and the changes.
     fn cells(&self, point: &Point) -> Vec<Cell> {
         let mut cells = vec![
             Cell::Whole(point.number),
@@ -267,7 +267,7 @@ impl Variant<'_> {
         cells
     }
 
-    /// A number of this column in the units of the scene.
+    /// A cell with a number of this column, converted to the units of the scene.
     fn told(&self, column: &str, value: f64) -> Cell {
         let factor = self.scene.scene.units.key(column).map_or(1.0, |(_, factor)| factor);
         Cell::Number(Units::told(value, factor))
@@ -304,9 +304,9 @@ fn walk(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), E
     Ok(())
 }
 
-/// End of a walk whose first wall is unstable. The area of this walk is 0.
+/// Reason for the end of a walk whose first wall is unstable. The area of such a walk is 0.
 const UNSTABLE: &str = "first_unstable";
-/// Verdict of a hit in which the handle left the core's range.
+/// Verdict of a hit in which the handle has left the core's range.
 const OUT_OF_RANGE: &str = "out_of_range";
 
 fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Error> {

@@ -19,23 +19,23 @@ use crate::{
     study::envelope::Interval,
 };
 
-/// Share of stable draws along the firmware's contour.
+/// Share of the draws that should be stable along the firmware's contour.
 pub const SHARE: f64 = 0.95;
-/// Number of draws that test a contour.
+/// Number of draws with which a contour is tested.
 pub const TRIED: u32 = 2000;
-/// Number of draws that fit the length of the intervals.
+/// Number of draws with which the length of the intervals is fitted.
 const FITTED: u32 = 4000;
-/// Tried lengths, as a multiple of the length in the map.
+/// Lengths of the intervals that are tried, as multiples of the length in the map.
 const LENGTHS: [f64; 9] = [0.70, 0.75, 0.80, 0.85, 0.90, 0.95, 1.0, 1.05, 1.10];
-/// Accuracy of the fitted length, as a multiple of the length in the map.
+/// Accuracy with which the length is fitted, as a multiple of the length in the map.
 const LAST: f64 = 0.002;
 /// Seed of the random positions on the contour.
 const PLACES: u64 = 0x5eed_0003;
-/// Probability that the interval of a share does not contain the true share.
+/// Probability with which the interval of a share does not contain the true share.
 const MISS: f64 = 0.05;
 
-/// The intervals of K at which at least `share` of the draws is stable, by B. The list begins at the first B with an
-/// interval, and ends before the next B without an interval.
+/// For each B, the interval of K in which at least `share` of the draws is stable. The list begins at the first B that
+/// has an interval. It ends before the next B that has none.
 pub fn contour(map: &Map, share: f64) -> Vec<Interval> {
     let [cells, columns] = map.cells;
     let of_column = |column: u32| {
@@ -82,15 +82,15 @@ fn length(interval: &Interval) -> f64 {
     interval.stiffness_high_n_per_m - interval.stiffness_low_n_per_m
 }
 
-/// A tested contour.
+/// A contour that was tested with fresh draws.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tried {
     pub intervals: Vec<Interval>,
-    /// Length of the intervals, divided by their length in the map.
+    /// Length of the intervals divided by the length that they have in the map.
     pub length: f64,
     /// Number of fresh draws in the test.
     pub draws: u32,
-    /// Number of these draws that are stable.
+    /// Number of the fresh draws that are stable.
     pub held: u32,
 }
 
@@ -109,7 +109,7 @@ impl Tried {
     }
 }
 
-/// The random position of a draw on the contour: `[K low, K high]`, and B.
+/// The random position of a draw on the contour. It has the interval of K there as `[low, high]`, and B.
 fn place(intervals: &[Interval], number: u64) -> Option<([f64; 2], f64)> {
     let along = random::uniform(PLACES, number) * (intervals.len() as f64 - 1.0);
     let before = whole(along);
@@ -119,7 +119,7 @@ fn place(intervals: &[Interval], number: u64) -> Option<([f64; 2], f64)> {
     Some((ends, between(|i| i.damping_n_s_per_m)))
 }
 
-/// For each length, the number of fresh draws that are stable at the upper ends of the intervals.
+/// For each length of the intervals, counts the fresh draws that are stable at the upper ends.
 fn tried(
     how: How<'_>,
     draws: &Draws,
@@ -128,7 +128,7 @@ fn tried(
     lengths: &[f64],
     numbers: std::ops::Range<u32>,
 ) -> Result<Vec<u32>, Error> {
-    // The draws are processed in groups, because each draw may be a separate device and needs memory.
+    // The draws are processed in groups, because each draw may be a device of its own, which needs memory.
     const PART: usize = 500;
     let numbers: Vec<u64> = numbers.map(u64::from).collect();
     let mut counts = vec![0; lengths.len()];
@@ -154,8 +154,8 @@ fn tried(
     Ok(counts)
 }
 
-/// The contour along which [`SHARE`] of the draws is stable. The contour is fitted and tested with fresh draws. `None`
-/// if no wall is stable.
+/// Finds the contour along which [`SHARE`] of the draws is stable. It is fitted and tested with fresh draws. `None` if
+/// no wall is stable.
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.
@@ -181,7 +181,7 @@ pub fn fitted(how: How<'_>, draws: &Draws, map: &Map) -> Result<Option<Tried>, E
     Ok(Some(Tried { intervals, length, draws: TRIED, held }))
 }
 
-/// The longest of [`LENGTHS`] up to which enough draws are stable, and the next length.
+/// The longest of [`LENGTHS`] up to which enough draws are stable, and the length after it.
 fn bracket(enough: &[bool]) -> [f64; 2] {
     let last = LENGTHS.len() - 1;
     match enough.iter().position(|enough| !enough) {
@@ -219,8 +219,8 @@ mod tests {
             ends.map(|i| [i.damping_n_s_per_m, i.stiffness_low_n_per_m, i.stiffness_high_n_per_m])
                 .collect::<Vec<_>>()
         };
-        // The line from 20 to 10 reaches 19 after a tenth of a cell. The line from 0 to 20 reaches 19 after 19 of 20
-        // parts.
+        // Between the shares 20 and 10, the line reaches 19 after a tenth of a cell. Between 0 and 20, it reaches 19
+        // after 19 of 20 parts of a cell.
         assert_eq!(of(0.95), [[5.0, 0.0, 360.0], [15.0, 145.0, 350.0], [25.0, 345.0, 550.0]]);
         assert_eq!(of(0.5)[0], [5.0, 0.0, 450.0]);
     }

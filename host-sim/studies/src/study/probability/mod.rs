@@ -1,4 +1,4 @@
-//! Probability that a wall is stable, for many starts and random devices. A draw is a device with a start.
+//! Probability that a wall is stable, for many starts and random devices. A draw is a random device with a start.
 //!
 //! A walk finds one boundary from one start. Near the boundary the verdict depends on the start, by a part of a count.
 //! The verdict also depends on device parameters that are not known exactly. So the same draws hit every cell of a grid
@@ -36,37 +36,37 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// Number of cells from 0 to the extent of the walks, in each direction.
+/// Number of cells of a map in each direction, from 0 to the largest value that the walks reach.
 const CELLS: u32 = 40;
-/// First extent of the map, as a multiple of the walks' extent.
+/// At first, a map extends to this multiple of the largest value that the walks reach.
 const BEYOND: f64 = 1.1;
-/// Number of rows and columns that are added if walls at the edge are still stable.
+/// If walls at the edge of the map are still stable, this number of rows or columns is added.
 const MORE: u32 = 8;
-/// Seeds of devices, of starts, and of the bootstrap.
+/// Seeds of the random numbers: for devices, for starts, and for the bootstrap.
 const DEVICES: u64 = 0x5eed_0001;
 const STARTS: u64 = 0x5eed_0002;
 const AGAIN: u64 = 0x5eed_0003;
-/// Share of the worst draws on which a recommendation is based.
+/// A recommendation is based on this share of the draws, the worst ones.
 pub const WORST: f64 = 0.05;
-/// Smallest number of devices with a lower bound for [`WORST`].
+/// Smallest number of devices for which the worst 5 % ([`WORST`]) have a lower bound.
 pub const DRAWS_MIN: u32 = 72;
-/// Probability outside an interval, on each side. The same number is the smallest share of bootstrap samples in which a
-/// cutoff must lead.
+/// Probability that a value is outside of an interval, on each side. A cutoff also counts as alike only if it leads in
+/// at least this share of the bootstrap samples.
 const MISS: f64 = 0.025;
 /// Number of bootstrap samples.
 const TIMES: u64 = 1000;
 
-/// The devices and starts of all draws.
+/// The devices and the starts of all draws.
 #[derive(Clone, Debug)]
 pub struct Draws {
     scene: Scene,
-    /// Number of devices; 0 for the scene's own device.
+    /// Number of random devices; 0 if the scene's own device is used.
     devices: u32,
     /// Number of starts of each device.
     starts: u32,
 }
 
-/// A device, and the starts of its hits, counts.
+/// A device, and the starts of its hits in counts.
 #[derive(Clone, Debug)]
 pub struct Drawn {
     prepared: PreparedScene,
@@ -74,7 +74,8 @@ pub struct Drawn {
 }
 
 impl Draws {
-    /// Draws of `devices` devices. Each device has `starts` starts. With 0 devices, the scene's own device is used.
+    /// Draws for `devices` random devices, each with `starts` starts. If `devices` is 0, the scene's own device is
+    /// used.
     ///
     /// # Errors
     /// Devices are requested, but the scene has no `[uncertainty]`.
@@ -91,7 +92,7 @@ impl Draws {
         self.devices.max(1) * self.starts
     }
 
-    /// All draws. Starts are spread evenly over a count, and each device shifts its own starts.
+    /// Makes all draws. Starts are spread evenly over a count. Each device shifts its own starts.
     fn all(&self) -> Result<Vec<Drawn>, Error> {
         (0..u64::from(self.devices.max(1)))
             .into_par_iter()
@@ -104,7 +105,7 @@ impl Draws {
             .collect()
     }
 
-    /// A fresh draw. It is not in [`all`](Self::all).
+    /// Makes a fresh draw, one that [`all`](Self::all) does not make.
     fn fresh(&self, number: u64) -> Result<Drawn, Error> {
         let number = u64::from(u32::MAX) + number;
         Ok(Drawn { prepared: self.device(number)?, starts: vec![random::uniform(STARTS, number)] })
@@ -119,7 +120,7 @@ impl Draws {
     }
 }
 
-/// Whether each wall of each scene is stable, computed on all threads.
+/// Hits the walls of each scene on all threads. Returns whether each wall is stable.
 pub(super) fn held(
     how: How<'_>,
     tasks: &[(&PreparedScene, Vec<WallHit>)],
@@ -136,15 +137,15 @@ pub(super) fn held(
         how.run(prepared, Depth::Verdict, hits, sink)?;
         Ok(held)
     };
-    // Reports the error that is first in order, and not first in time.
+    // Of several errors, the one of the first task is reported, whichever thread finds its error first.
     let all: Vec<Result<Vec<bool>, Error>> =
         tasks.par_iter().with_max_len(1).map(of_scene).collect();
     interrupt::unless(how.stop)?;
     all.into_iter().collect()
 }
 
-/// Which draws are stable at each wall `[K, B]`: by wall, then by draw. Draws are in the order of devices, and for each
-/// device in the order of its starts.
+/// For each wall `[K, B]`, which draws are stable there. Draws are in the order of the devices. The draws of one device
+/// are in the order of its starts.
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.
@@ -187,45 +188,47 @@ fn holds(
     Ok((0..walls.len()).map(of_wall).collect())
 }
 
-/// The stable share over K and B at one cutoff.
+/// The share of the draws that is stable at each K and B, for one cutoff.
 #[derive(Clone, Debug)]
 pub struct Map {
-    /// Nominal cutoff of the filter, Hz.
+    /// Nominal cutoff of the filter, in Hz.
     pub cutoff_hz: f64,
     pub velocity: VelocitySettings,
-    /// Size of a cell: K, N/m, and B, N s/m. A wall is in the middle of its cell.
+    /// Size of a cell: its K in N/m and its B in N s/m. A wall is in the middle of its cell.
     pub step: [f64; 2],
-    /// Cells in K and in B.
+    /// Number of cells along K and along B.
     pub cells: [u32; 2],
     pub trials: u32,
-    /// Number of devices, each with the same number of consecutive starts; 0 for starts of the scene's own device.
+    /// Number of random devices. Each has the same number of consecutive draws. It is 0 if the draws are starts of the
+    /// scene's own device.
     pub devices: u32,
-    /// For each draw, its stable area, N^2 s/m^2.
+    /// The stable area of each draw, in N^2 s/m^2.
     pub areas: Vec<f64>,
-    /// Whether a cap of `[walk]` cuts the map.
+    /// Whether a cap of `[walk]` cuts off a part of the map.
     pub is_capped: bool,
     held: BTreeMap<(u32, u32), u32>,
 }
 
 impl Map {
-    /// The wall of a cell, `[K, B]`.
+    /// The wall `[K, B]` in the middle of a cell.
     pub fn wall(&self, [k, b]: [u32; 2]) -> [f64; 2] {
         [(f64::from(k) + 0.5) * self.step[0], (f64::from(b) + 0.5) * self.step[1]]
     }
 
-    /// Number of stable draws in a cell.
+    /// Number of draws that are stable in a cell.
     pub fn held(&self, [k, b]: [u32; 2]) -> u32 {
         self.held.get(&(k, b)).copied().unwrap_or(0)
     }
 
-    /// Integral of the stable share, N^2 s/m^2.
+    /// Integral of the stable share over K and B, in N^2 s/m^2.
     pub fn area(&self) -> f64 {
         let held: u32 = self.held.values().sum();
         f64::from(held) / f64::from(self.trials) * self.step[0] * self.step[1]
     }
 
-    /// Number of undecided cells, divided by the number of cells in which more than one draw in twenty is stable. In an
-    /// undecided cell, more than one draw in twenty is stable and more than one draw in twenty is unstable.
+    /// Number of undecided cells, divided by the number of cells in which at least some draws are stable: more than one
+    /// in twenty. In an undecided cell, more than one draw in twenty is stable and more than one draw in twenty is
+    /// unstable.
     pub fn undecided_share(&self) -> f64 {
         let few = WORST * f64::from(self.trials);
         let (hold, fail) =
@@ -235,18 +238,19 @@ impl Map {
         some as f64 / any.max(1) as f64
     }
 
-    /// A quantile of the draws' areas, N^2 s/m^2.
+    /// A quantile of the areas of the draws, in N^2 s/m^2. `share` is the share of the draws below it.
     pub fn quantile(&self, share: f64) -> f64 {
         quantile(&self.areas, share)
     }
 
-    /// The 95 % interval of a quantile. With too few devices, one end or both are missing.
+    /// The 95 % interval of a quantile. An end is `None` if there are too few devices.
     pub fn interval(&self, share: f64) -> [Option<f64>; 2] {
         let ends = ranks(self.devices, share);
         ends.map(|end| end.map(|share| quantile(&self.areas, share)))
     }
 
-    /// The areas in one bootstrap sample of the devices. The sample is the same for each map.
+    /// The areas that one bootstrap sample of the devices gives. `time` is the number of the sample. The sample is the
+    /// same for each map.
     fn again(&self, time: u64) -> Vec<f64> {
         let devices = u64::from(self.devices);
         let starts = u64::from(self.trials) / devices;
@@ -258,18 +262,19 @@ impl Map {
     }
 }
 
-/// The 95 % interval of a quantile, as positions in the sorted draws from 0 to 1. This interval is valid for any
-/// distribution (Conover, *Practical Nonparametric Statistics*, 1999, section 3.2). `None` if there is no bound.
+/// The 95 % interval of a quantile. Its ends are positions in the sorted draws, from 0 to 1. This interval is valid for
+/// any distribution (Conover, *Practical Nonparametric Statistics*, 1999, section 3.2). An end is `None` if it has no
+/// bound.
 pub fn ranks(draws: u32, share: f64) -> [Option<f64>; 2] {
     let Ok(below) = Binomial::new(share, draws.into()) else { return [None; 2] };
-    // Rank r of 1 to n has the position (r - 1) / (n - 1).
+    // Among n sorted draws, rank r has the position (r - 1) / (n - 1).
     let at = |rank: u32| (f64::from(rank) - 1.0) / (f64::from(draws) - 1.0).max(1.0);
     let low = (1..=draws).rev().find(|rank| below.cdf(u64::from(rank - 1)) <= MISS);
     let high = (1..=draws).find(|rank| below.cdf(u64::from(rank - 1)) >= 1.0 - MISS);
     [low.map(at), high.map(at)]
 }
 
-/// A quantile, by linear interpolation between the sorted values.
+/// A quantile of the values. It is interpolated linearly between the sorted values.
 fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -280,7 +285,8 @@ fn quantile(values: &[f64], share: f64) -> f64 {
     sorted[below] + (sorted[above] - sorted[below]) * at.fract()
 }
 
-/// Maps at the cutoffs of a sweep. The walks of the sweep give the extent of the maps. Calls `done` after each map.
+/// Makes a map at each cutoff of a sweep. The walks of the sweep show how far the maps must extend. Calls `done` after
+/// each map.
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.
@@ -310,7 +316,7 @@ fn map(
 ) -> Result<Map, Error> {
     let walk = &draws.scene.walk;
     let caps = [walk.stiffness_max_n_per_m, walk.damping_max_n_s_per_m];
-    // If a boundary has one wall or none, there is a map too.
+    // Even a boundary with one wall or none gives a map.
     let least = [walk.stiffness_step_n_per_m, walk.damping_step_n_s_per_m];
     let step = [0, 1].map(|n| BEYOND * extent[n].max(least[n]).min(caps[n]) / f64::from(CELLS));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "of some cells")]
@@ -360,13 +366,13 @@ fn map(
     }
 }
 
-/// Results of the draws for the cutoffs.
+/// What the draws say about the cutoffs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verdicts {
-    /// Number of draws for which each cutoff has the largest area.
+    /// For each cutoff, the number of draws in which it has the largest area.
     pub best: Vec<u32>,
-    /// For each cutoff, the number of draws for which this cutoff is ideal. The ideal cutoff is the lowest cutoff
-    /// within 2 % of the largest area.
+    /// For each cutoff, the number of draws in which it is ideal. A draw's ideal cutoff is the lowest one within 2 % of
+    /// the draw's largest area.
     pub ideal: Vec<u32>,
     /// The cutoff with the largest area in the worst 5 % of the draws; `None` if no wall is stable.
     pub leading: Option<usize>,
@@ -374,7 +380,7 @@ pub struct Verdicts {
     pub alike: Vec<usize>,
 }
 
-/// The results of maps with the same draws. The cutoffs are in ascending order.
+/// Compares maps that have the same draws. The cutoffs are in ascending order.
 pub fn verdicts(maps: &[Map]) -> Verdicts {
     let (mut best, mut ideal) = (vec![0; maps.len()], vec![0; maps.len()]);
     let draws = maps.first().map_or(0, |map| map.areas.len());
@@ -404,7 +410,7 @@ pub fn verdicts(maps: &[Map]) -> Verdicts {
     Verdicts { best, ideal, leading, alike }
 }
 
-/// Index of the largest area, if it is above 0.
+/// Index of the largest area; `None` if no area is above 0.
 fn leader(areas: impl Iterator<Item = f64>) -> Option<usize> {
     let largest = areas.enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b));
     largest.filter(|(_, area)| *area > 0.0).map(|(place, _)| place)

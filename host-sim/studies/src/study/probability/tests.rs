@@ -129,8 +129,8 @@ fn an_interval_of_a_quantile_holds_it() {
     assert!(ranks(DRAWS_MIN, WORST)[0].is_some() && ranks(DRAWS_MIN - 1, WORST)[0].is_none());
 }
 
-/// Two cutoffs with the same distribution of areas are not distinguished. A cutoff that is a tenth better for each
-/// device is distinguished.
+/// Two cutoffs with the same distribution of areas are not distinguished. They are distinguished if one is a tenth
+/// better for each device.
 #[test]
 fn cutoffs_are_alike_if_the_worst_draws_cannot_tell_them_apart() {
     let map = |cutoff_hz: f64, area: fn(u64) -> f64| Map {
@@ -160,9 +160,10 @@ fn devices_need_a_table_to_be_drawn_by() {
     assert_eq!(Draws::new(&short(), 0, 2).unwrap().count(), 2);
 }
 
-/// Results of an independent program. The integrals of the share are for 1 um at 2000 Hz, and for 2 um at 1500 and 4000
-/// Hz. The ideal cutoffs come from one walk per cutoff with each of 40 devices (mass to 5 %, damping to 15 %, latency
-/// to 10 %). The ideal cutoff is 1200 Hz for 22 devices, 1500 Hz for 16 devices, and 1700 Hz for two devices.
+/// Compares with results of an independent program. The integrals of the stable share are for 1 um at 2000 Hz, and for
+/// 2 um at 1500 and 4000 Hz. The ideal cutoffs come from one walk per cutoff with each of 40 devices (mass to 5 %,
+/// damping to 15 %, latency to 10 %). The ideal cutoff is 1200 Hz for 22 devices, 1500 Hz for 16 devices, and 1700 Hz
+/// for two devices.
 #[test]
 #[ignore = "200 boundaries and three maps, half a minute"]
 fn areas_and_best_cutoffs_are_those_of_an_independent_program() {

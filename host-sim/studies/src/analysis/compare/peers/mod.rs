@@ -1,4 +1,5 @@
-//! Default velocity estimators of other systems, without tuning, in the core's arithmetic at the scene's rate.
+//! Velocity estimators of other systems with their default settings. They run in the core's arithmetic at the scene's
+//! rate. They are not tuned.
 //!
 //! Poles and zeros in the z-plane are equal to the poles and zeros of the source. Each tracking loop has two rows. In
 //! one row the velocity is read before the step. In the other row the velocity is read as in the source. The rows
@@ -30,10 +31,10 @@ use crate::{
 
 pub use table::PeerArea;
 
-/// Default limits, in the form that a user types.
+/// Default limits of a stable hit, in the form that a user types.
 pub const LIMITS: &str = "quiet,15e-6,1e-6,felt";
-/// Cutoffs of the scene's own estimator, Hz. The lower cutoff suits a limit at which a faint hum is felt. The higher
-/// cutoff suits the paper's limit.
+/// Cutoffs at which the scene's own estimator is compared, in Hz. The lower cutoff suits a limit at which a faint hum
+/// is felt. The higher cutoff suits the limit of the paper.
 const OWN_HZ: [f64; 2] = [500.0, 1500.0];
 
 /// A default velocity estimator of another system.
@@ -41,26 +42,27 @@ const OWN_HZ: [f64; 2] = [500.0, 1500.0];
 pub struct Peer {
     pub name: &'static str,
     pub does: &'static str,
-    /// Source that states this default.
+    /// Source of this default, for example a page or a file of the system.
     pub source: &'static str,
-    /// The estimator as settings of the core at a rate in Hz. `None` if the estimator is unstable at this rate.
+    /// Gives the estimator's settings for a rate in Hz. `None` if the estimator is unstable at this rate.
     settings: fn(f64) -> Option<VelocitySettings>,
 }
 
-/// A low-pass with these poles, the slower pole first.
+/// A low-pass with these two poles of the z-plane. The slower pole comes first.
 fn poles([slow, fast]: [f64; 2], rate_hz: f64) -> Option<VelocitySettings> {
     let cutoff_hz = -slow.ln() * rate_hz / (2.0 * PI);
     let ratio = (fast.ln() / slow.ln()).clamp(*RATIO.start(), *RATIO.end()); // no second pole: infinite
     Some(VelocitySettings::Smoothing { cutoff_hz, ratio })
 }
 
-/// A tracking loop with `kp = 2 w` and `ki = w^2` in explicit steps. Both poles are at `1 - w T`. `lead` is in samples.
+/// A tracking loop with `kp = 2 w` and `ki = w^2` that is computed in explicit steps. Both poles are at `1 - w T`.
+/// `lead` is in samples.
 fn tracking(w: f64, lead: f64, rate_hz: f64) -> Option<VelocitySettings> {
     let bandwidth_hz = -(1.0 - w / rate_hz).ln() * rate_hz / (2.0 * PI);
     (w < rate_hz).then_some(VelocitySettings::TrackingLead { bandwidth_hz, lead })
 }
 
-/// The loop of `tracking`, but the position is predicted before the comparison. So the two poles differ.
+/// The loop of `tracking` with a predicted position in the comparison. Because of the prediction the two poles differ.
 fn predicting(w: f64, rate_hz: f64) -> Option<VelocitySettings> {
     let g = w / rate_hz;
     let middle = 1.0 - g - g * g / 2.0;
@@ -69,9 +71,9 @@ fn predicting(w: f64, rate_hz: f64) -> Option<VelocitySettings> {
     if both[1] > 0.0 { poles(both, rate_hz) } else { None }
 }
 
-/// Lead of a velocity that is one sample late, samples.
+/// Lead of a velocity that is read one sample late, in samples.
 const LATE: f64 = -1.0;
-/// The default of 400 for pll_filter_hz, as rad/s.
+/// The default of moteus: `pll_filter_hz` is 400. Here it is in rad/s.
 const MOTEUS_W: f64 = 2.0 * PI * 400.0;
 
 fn window(seconds: f64, rate_hz: f64) -> Option<VelocitySettings> {
@@ -80,7 +82,7 @@ fn window(seconds: f64, rate_hz: f64) -> Option<VelocitySettings> {
     Some(VelocitySettings::WindowDifference { window_samples })
 }
 
-/// OpenFFBoard's low-pass: Q 0.55, pre-warped.
+/// The low-pass of OpenFFBoard with a quality of 0.55. Its cutoff is pre-warped.
 fn biquad(cutoff_hz: f64, rate_hz: f64) -> Option<VelocitySettings> {
     let cutoff_hz = rate_hz / PI * (PI * cutoff_hz / rate_hz).tan();
     Some(VelocitySettings::SecondOrder { cutoff_hz, quality: 0.55 })
@@ -171,7 +173,8 @@ pub const PEERS: [Peer; 13] = [
     },
 ];
 
-/// The scene in its own loop, and in loops with the latency and the output of each board.
+/// The loops in which the estimators are compared: the scene's own loop, and a loop with the latency and the output of
+/// each board.
 ///
 /// # Errors
 /// The scene is not allowed with a board's output.
@@ -185,15 +188,15 @@ pub fn loops(scene: &NamedScene) -> Result<Vec<(String, Scene)>, Error> {
     Ok(loops)
 }
 
-/// One row of the table in one loop.
+/// An estimator in one loop: one row of the table.
 #[derive(Clone, Debug)]
 pub struct Row {
     pub of_loop: usize,
     pub name: String,
     pub does: String,
-    /// Source of the estimator. Empty for the scene's own estimator.
+    /// Source of the estimator. It is empty for the scene's own estimator.
     pub source: &'static str,
-    /// Boundaries for each limit, in the order of the question.
+    /// The boundaries for each limit, in the order of [`PeerQuestion::limits`].
     pub boundaries: Vec<Boundaries>,
 }
 
@@ -201,7 +204,7 @@ pub struct Row {
 pub struct PeerQuestion {
     /// Names and scenes of the loops: the scene's own loop, and loops with a board's output stage.
     pub loops: Vec<(String, Scene)>,
-    /// Limits for the RMS of the motion or for the sensation level.
+    /// Limits of a stable hit. A limit is for the RMS of the motion or for the sensation level.
     pub limits: Vec<Limit>,
     /// The scene's own estimator at several cutoffs.
     pub own: Vec<VelocitySettings>,
@@ -210,7 +213,7 @@ pub struct PeerQuestion {
 }
 
 impl PeerQuestion {
-    /// A question for these limits, with these steps of K and B.
+    /// A question with these limits and these steps of K and B.
     ///
     /// # Errors
     /// The scene does not allow one of the limits.
@@ -239,13 +242,14 @@ impl PeerQuestion {
 #[derive(Clone, Debug)]
 pub struct PeerStudy {
     pub question: PeerQuestion,
-    /// For each loop: the peers, the scene's own estimator, and the true velocity.
+    /// Rows of the first loop, then of the next loop. Each loop has the peers, the scene's own estimator and the true
+    /// velocity.
     pub rows: Vec<Row>,
     pub notes: Vec<String>,
 }
 
 impl PeerStudy {
-    /// Mean area with the true velocity in a loop at a limit, N^2 s/m^2.
+    /// Mean area that a loop reaches at a limit if it gets the true velocity, in N^2 s/m^2.
     pub fn told_area(&self, of_loop: usize, limit: usize) -> Option<f64> {
         let told = self.rows.iter().find(|row| row.of_loop == of_loop && row.name == TOLD);
         told?.boundaries.get(limit).map(Boundaries::area)
@@ -293,7 +297,7 @@ pub fn compare_peers(
             jobs.push((row(name, does, ""), scene.clone(), velocity));
         }
     }
-    // The job of the last row of each loop also walks the true velocity.
+    // The last job of each loop has one thing more to do: it also walks the true velocity.
     let last = |at: usize| jobs.get(at + 1).is_none_or(|next| next.0.of_loop != jobs[at].0.of_loop);
     let ask = |at: usize| -> Result<Vec<LimitResult>, Error> {
         let (_, scene, velocity) = &jobs[at];

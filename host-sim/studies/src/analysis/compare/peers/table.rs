@@ -11,7 +11,7 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// The area of a row at the limit with the index `limit`.
+/// The area that an estimator reaches at one limit. `limit` is the limit's index.
 #[derive(Clone, Copy, Debug)]
 pub struct PeerArea<'a> {
     study: &'a PeerStudy,
@@ -24,7 +24,7 @@ impl PeerArea<'_> {
         &self.row.boundaries[self.limit]
     }
 
-    /// Area divided by the area of the true velocity in the same loop at the same limit.
+    /// Area divided by the area that the true velocity reaches in the same loop at the same limit.
     pub fn share_of_true_velocity(&self) -> Option<f64> {
         let told = self.study.told_area(self.row.of_loop, self.limit).filter(|told| *told > 0.0);
         told.map(|told| self.boundaries().area() / told)
@@ -74,7 +74,7 @@ impl PeerStudy {
         self.rows.iter().flat_map(of).collect()
     }
 
-    /// The area of a row at the limit with this index.
+    /// The area that an estimator reaches at the limit with this index.
     pub fn area<'a>(&'a self, row: &'a Row, limit: usize) -> PeerArea<'a> {
         PeerArea { study: self, row, limit }
     }

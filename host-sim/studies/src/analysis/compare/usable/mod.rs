@@ -29,14 +29,14 @@ use crate::{
     study::sweep::starts,
 };
 
-/// Number of parts of a column of K. The error is computed in each part.
+/// A column of K is divided into this number of parts. The error is computed in each part.
 const PARTS: u32 = 100;
 
 pub use table::{UsableArea, UsableStudy, parameters};
 
-/// Default limits, %, in the form that a user types.
+/// Default limits in percent, in the form that a user types.
 pub const PERCENTS: &str = "5,10,20";
-/// Default estimators: the usual estimators of each kind, the slowest first.
+/// The estimators that are compared by default: the usual ones of each kind. The slowest comes first.
 const USUAL: [EstimatorName; 10] = [
     EstimatorName::Observer,
     EstimatorName::Butterworth,
@@ -56,7 +56,8 @@ pub fn usual(scene: &Scene) -> Vec<Entry> {
     USUAL.map(Entry::Tuned).into_iter().filter(|entry| all.contains(entry)).collect()
 }
 
-/// Limits in percent, ascending and without repetition. Messages call the list `name`.
+/// Checks limits in percent. Returns them in ascending order and without repetition. Error messages name the list with
+/// `name`.
 ///
 /// # Errors
 /// A limit is out of range.
@@ -73,13 +74,13 @@ pub fn percents(asked: &[f64], name: &str) -> Result<Vec<f64>, Error> {
 #[derive(Clone, Debug)]
 pub struct UsableQuestion {
     pub entries: Vec<Entry>,
-    /// Limits of the error, as a share. Infinity allows any error.
+    /// Limits of the error of a rendered impedance, as fractions. An infinite limit allows any error.
     pub limits: Vec<f64>,
     pub budget: Budget,
 }
 
 impl UsableQuestion {
-    /// A question for these estimators. The limits are these [`percents`], and a last limit that allows any error.
+    /// A question for these estimators. Its limits are `percents`, and then one limit that allows any error.
     pub fn of(entries: Vec<Entry>, percents: &[f64], budget: Budget) -> Self {
         let limits = percents.iter().map(|percent| percent / 100.0).chain([f64::INFINITY]);
         Self { entries, limits: limits.collect(), budget }
@@ -96,27 +97,28 @@ impl UsableQuestion {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Usable {
     pub entry: Entry,
-    /// Limit of the error, as a share.
+    /// Limit of the error of a rendered impedance, as a fraction.
     pub limit: f64,
     pub settings: VelocitySettings,
-    /// Whether the search ended because no neighbour is better.
+    /// Whether the search ended because no neighbour of its result is better.
     pub settled: bool,
-    /// Boundaries of the stable walls, one for each start.
+    /// Boundaries of the stable walls. Each start has one boundary.
     pub boundaries: Boundaries,
-    /// Usable part of each boundary's area, N^2 s/m^2.
+    /// The part of each boundary's area that is usable within the limit, in N^2 s/m^2.
     pub areas: Vec<f64>,
-    /// Largest usable K of all boundaries, N/m.
+    /// The largest usable K in all boundaries, in N/m.
     pub stiffness_peak_n_per_m: f64,
     /// Mean error over the stable walls of all boundaries. All walls have the same weight.
     pub error_mean: f64,
-    /// Largest usable K at each B of the first boundary.
+    /// For each B of the first boundary, the largest usable K.
     pub outline: Vec<BoundaryPoint>,
-    /// Hits of the walks. Hits for earlier limits are not counted again.
+    /// Number of hits of the walks for this limit. Hits that were already made for earlier limits are not counted
+    /// again.
     pub hits: u64,
 }
 
 impl Usable {
-    /// Mean of the areas, N^2 s/m^2.
+    /// Mean of `areas`, in N^2 s/m^2.
     pub fn area(&self) -> f64 {
         self.repeats().mean
     }
@@ -126,7 +128,7 @@ impl Usable {
     }
 }
 
-/// Usable part of a boundary for each limit, and the mean error.
+/// The usable part of one boundary for each limit, and the mean error over the boundary.
 #[derive(Clone, Debug, Default)]
 struct Parts {
     areas: Vec<f64>,
@@ -150,7 +152,7 @@ fn parts(boundary: &Boundary, rendered: &Rendered, limits: &[f64]) -> Parts {
         return parts;
     }
     for &BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m } in &boundary.points {
-        // The factor makes the sum of all columns equal to the boundary's area.
+        // Because of this factor, the sum of all columns is equal to the boundary's area.
         let column = boundary.area * stiffness_n_per_m / sum;
         let mut highest = vec![0.0; limits.len()];
         for part in 0..PARTS {
@@ -268,7 +270,7 @@ mod tests {
     use crate::scene::NamedScene;
     use zwidth::experiment::Ended;
 
-    /// A boundary of columns with the same height.
+    /// A boundary whose columns all have the same height.
     fn rectangle(stiffness_n_per_m: f64, dampings: u32) -> Boundary {
         let points = (1..=dampings)
             .map(|n| BoundaryPoint { damping_n_s_per_m: 10.0 * f64::from(n), stiffness_n_per_m });
@@ -288,8 +290,8 @@ mod tests {
         assert!(parts.areas[1] < 0.9 * parts.areas[0] && parts.areas[2] < 0.8 * parts.areas[1]);
         assert_eq!((parts.areas[3], parts.peaks[3], parts.outlines[3].len()), (0.0, 0.0, 0));
         assert_eq!(parts.peaks[..2], [40_000.0; 2], "at small B any K is rendered");
-        // For comparison, K / B at both edges of the usable sector is computed directly. This ratio is the same at
-        // every B.
+        // For comparison, the ratio K / B is computed directly at both edges of the usable sector. The ratio is the
+        // same at every B.
         let within = |ratio: f64| rendered.error(ratio * 100.0, 100.0) <= 0.1;
         let ratios = (1..200_000).map(|n| 0.02 * f64::from(n));
         let share = |b: f64| {

@@ -5,7 +5,8 @@ use serde::{Serialize, Serializer};
 use super::{super::table::value_and_unit, Usable, UsableQuestion};
 use crate::table::{Cell, Kind, Table, Told};
 
-/// One estimator within one limit, with its rank by the mean area (from 1) and the number of walks.
+/// One estimator within one limit. It has its rank by the mean area (the largest area has rank 1) and the number of
+/// walks.
 #[derive(Clone, Copy, Debug)]
 pub struct UsableArea<'a> {
     place: usize,
@@ -14,7 +15,7 @@ pub struct UsableArea<'a> {
 }
 
 impl UsableArea<'_> {
-    /// A tuned value and its unit.
+    /// The tuned parameter with the index `n`, and its unit.
     fn parameter(&self, n: usize) -> [Cell; 2] {
         value_and_unit(&self.usable.settings, n)
     }
@@ -25,7 +26,7 @@ impl UsableArea<'_> {
 }
 
 impl UsableArea<'_> {
-    /// All columns. The number of walks is not in the JSON.
+    /// All columns. The JSON leaves out the number of walks.
     const COLUMNS: [Told<Self>; 17] = [
         ("within_percent", Kind::Number, |a| {
             Cell::number(a.usable.limit.is_finite().then_some(100.0 * a.usable.limit))
@@ -59,19 +60,19 @@ impl Serialize for UsableArea<'_> {
 #[derive(Clone, Debug)]
 pub struct UsableStudy {
     pub question: UsableQuestion,
-    /// Results by estimator, then by limit.
+    /// The results, ordered by estimator, then by limit.
     pub found: Vec<Usable>,
 }
 
 impl UsableStudy {
-    /// Results within one limit, the largest area first.
+    /// The results within one limit. The largest area comes first.
     pub fn ranked(&self, limit: f64) -> Vec<&Usable> {
         let mut ranked: Vec<&Usable> = self.found.iter().filter(|u| u.limit == limit).collect();
         ranked.sort_by(|a, b| b.area().total_cmp(&a.area()));
         ranked
     }
 
-    /// Every area, by limit and rank.
+    /// Every area, ordered by limit, then by rank.
     pub fn areas(&self) -> Vec<UsableArea<'_>> {
         let walks = self.question.budget.repeats;
         let of_limit = |&limit: &f64| {
@@ -89,7 +90,7 @@ impl UsableStudy {
     }
 }
 
-/// The tuned values, with units.
+/// The tuned parameters, each with its unit.
 pub fn parameters(usable: &Usable) -> [Option<(f64, &'static str)>; 2] {
     [0, 1].map(|n| usable.settings.parameter(n).map(|(of, value)| (value, of.unit)))
 }

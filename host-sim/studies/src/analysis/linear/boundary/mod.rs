@@ -19,20 +19,22 @@ use super::{
 };
 use core::f64::consts::PI;
 
-/// Lowest frequency of the search, radians per output period. A crossing with K > 0 at a lower frequency would have a
-/// stiffness of about m (1e-8 rate)^2. For the paper's device this is 4e-9 N/m.
+/// Lowest frequency of the search, in radians per output period. A crossing with K > 0 at a lower frequency would have
+/// a stiffness of about m (1e-8 rate)^2. For the paper's device this is 4e-9 N/m.
 const OMEGA_MIN: f64 = 1e-8;
-/// Search points per decade. Closer crossings are found as minima of |Im K| between points.
+/// Number of search points per decade of frequency. Crossings that are closer together are found as minima of |Im K|
+/// between points.
 const PER_DECADE: u32 = 32;
-/// Search points per turn of the latency's phase.
+/// Number of search points per turn of the phase that the latency causes.
 const PER_TURN: f64 = 16.0;
-/// Smallest number of search points per half circle.
+/// The search has at least this number of points per half circle.
 const PER_HALF_CIRCLE: f64 = 128.0;
-/// Smallest distance of search points from a resonance, radians per output period.
+/// Smallest distance of a search point from a resonance, in radians per output period.
 const MARK_MIN: f64 = 1e-10;
-/// Refinements of the search if the numbers of roots from eigenvalues and from crossings differ.
+/// The search is refined at most this many times. It is refined if eigenvalues and crossings give different numbers of
+/// roots.
 const REFINEMENTS: u32 = 2;
-/// K is a difference of terms. If K at a crossing is below this share of these terms, the true K is 0.
+/// K is computed as a difference of terms. If K at a crossing is below this share of the terms, its true value is 0.
 const ZERO_STIFFNESS: f64 = 1e-12;
 /// If K at a crossing is below this share of the loop's own stiffnesses, K is a rounding error. Without any damping,
 /// every wall is unstable, and the first crossings are rounding errors.
@@ -40,32 +42,34 @@ const ROUNDING: f64 = 1e-12;
 /// Crossings above this multiple of the loop's own stiffnesses (k, b/T, m/T^2, B/T) are left out. At so large a K, no
 /// more roots leave the circle, and a root near z = -1 approaches the sampling zero.
 const FAR_STIFFNESS: f64 = 1e3;
-/// Distance from the unit circle above which eigenvalues are more reliable than the count of crossings.
+/// If the nearest eigenvalue is further from the unit circle than this, the eigenvalues are more reliable than the
+/// count of crossings.
 const CLEAR_MARGIN: f64 = 1e-6;
-/// Largest number of states for eigenvalues. With more states (long latency) the winding number counts the roots.
+/// Eigenvalues are computed up to this number of states. A long latency gives more states. Then the winding number
+/// counts the roots.
 const EIGENVALUE_STATES: usize = 64;
-/// The path of the winding number is outside the circle by this distance, so that undamped poles on the circle are
-/// inside.
+/// The winding number is computed on a circle that is larger than the unit circle by this distance. So undamped poles
+/// on the unit circle are inside.
 const OUTSIDE: f64 = 1e-9;
 
 /// A stiffness at which roots cross the unit circle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
-    /// Frequency of the oscillation at the crossing, up to half the output rate.
+    /// Frequency of the oscillation at the crossing. It is at most half the output rate.
     pub frequency_hz: f64,
-    /// Stiffness, above 0 N/m.
+    /// Stiffness at the crossing, above 0 N/m.
     pub stiffness_n_per_m: f64,
-    /// Whether roots leave the circle with rising stiffness. If false, the roots enter the circle.
+    /// Whether roots leave the circle with rising stiffness. If this is false, they enter the circle.
     pub outward: bool,
-    /// Number of roots: 2, or 1 at half the output rate.
+    /// Number of roots that cross: 2, or 1 at half the output rate.
     pub roots: u32,
 }
 
 /// The stable stiffnesses at one virtual damping.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StiffnessLimit {
-    /// Upper end of the stable interval from K = 0, N/m. The loop is stable for every K between 0 and this value. 0 if
-    /// no stable interval begins at K = 0. Infinite if no stiffness makes the loop unstable.
+    /// Upper end of the stable interval that begins at K = 0, in N/m. The loop is stable for every K between 0 and this
+    /// value. It is 0 if no stable interval begins at K = 0. It is infinite if no stiffness makes the loop unstable.
     pub stiffness_max: f64,
     /// Whether the loop is unstable as K tends to 0. If so, virtual damping alone makes the loop unstable, and a gain
     /// margin has no meaning.
@@ -74,19 +78,21 @@ pub struct StiffnessLimit {
     /// degrees. Stiffnesses above a thousand times the loop's own stiffness (k + b/T + m/T^2 + B/T) are left out,
     /// because no such wall is stable.
     pub phase_crossings: Vec<Crossing>,
-    /// Further stable intervals (low, high) of K, N/m, above `stiffness_max`.
+    /// Further intervals of K in which the loop is stable, above `stiffness_max`. Each has its lower and upper end in
+    /// N/m.
     pub further_stable: Vec<(f64, f64)>,
 }
 
 impl StiffnessLimit {
-    /// The gain margin of eq. (5), which tools compute as the smallest crossing. `None` without a crossing. Tools
-    /// report an infinite gain margin in this case.
+    /// The gain margin of eq. (5) of the paper, as tools compute it: the smallest crossing. `None` if there is no
+    /// crossing. Tools report an infinite gain margin then.
     #[must_use]
     pub fn gain_margin(&self) -> Option<f64> {
         self.phase_crossings.first().map(|crossing| crossing.stiffness_n_per_m)
     }
 
-    /// Whether eq. (5) is correct: the loop is stable from 0 to the gain margin, and nowhere above it.
+    /// Whether the gain margin of eq. (5) is correct: the loop is stable from 0 to the gain margin, and nowhere above
+    /// it.
     #[must_use]
     pub fn gain_margin_holds(&self) -> bool {
         self.gain_margin() == Some(self.stiffness_max) && self.further_stable.is_empty()
@@ -99,10 +105,10 @@ pub struct Boundary {
     response: Response,
     monodromy: Option<Monodromy>,
     points: Vec<Point>,
-    /// Number of the estimator's own unstable poles.
+    /// Number of unstable poles that the estimator itself has.
     estimator_poles: u32,
     output_hz: f64,
-    /// k + b/T + m/T^2 with T the output period, N/m.
+    /// The stiffness `k + b/T + m/T^2` in N/m, where T is the output period.
     own_stiffness: f64,
 }
 
@@ -125,7 +131,7 @@ impl Boundary {
         Ok(Self { response, monodromy, points, estimator_poles, output_hz, own_stiffness })
     }
 
-    /// The stable stiffnesses at virtual damping B, N s/m (any sign).
+    /// The stable stiffnesses at the virtual damping B, in N s/m. B may have any sign.
     ///
     /// # Errors
     /// The damping is not finite.
@@ -153,7 +159,7 @@ impl Boundary {
         self.count(&self.points, stiffness, damping).0
     }
 
-    /// Number of unstable roots, and distance of the nearest root from the circle.
+    /// Counts the unstable roots. Returns their number, and the distance of the nearest root from the unit circle.
     fn count(&self, points: &[Point], stiffness: f64, damping: f64) -> (u32, f64) {
         let eigenvalues = self.monodromy.as_ref().and_then(|m| m.eigenvalues(stiffness, damping));
         let Some(eigenvalues) = eigenvalues else {
@@ -169,7 +175,8 @@ impl Boundary {
         (unstable, margin)
     }
 
-    /// Number of unstable roots by the argument principle, from the turns of `1 + K Hx + B Hv` along the circle.
+    /// Number of unstable roots by the argument principle. It follows from the turns of `1 + K Hx + B Hv` along the
+    /// circle.
     fn winding(&self, points: &[Point], stiffness: f64, damping: f64) -> u32 {
         let value = |omega: f64| {
             let p = self.response.at_radius(omega, OUTSIDE);
@@ -206,7 +213,7 @@ impl Boundary {
         let mut crossings = self.crossings(points, damping);
         crossings.sort_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m));
         let ends: Vec<f64> = crossings.iter().map(|c| c.stiffness_n_per_m).collect();
-        // One stiffness in each interval.
+        // A stiffness inside each interval between crossings.
         let inside: Vec<f64> = (0..=ends.len())
             .map(|i| match (i.checked_sub(1).map(|j| ends[j]), ends.get(i)) {
                 (None, None) => self.own_stiffness,
@@ -215,7 +222,7 @@ impl Boundary {
                 (Some(low), Some(high)) => (low * high).sqrt(),
             })
             .collect();
-        // A winding number needs many frequencies, so only the two lowest intervals are counted.
+        // A winding number needs many frequencies, which takes long. So only the two lowest intervals are counted.
         let few = if self.monodromy.is_some() { inside.len() } else { inside.len().min(2) };
         let counted: Vec<(u32, f64)> =
             inside[..few].iter().map(|k| self.count(points, *k, damping)).collect();
@@ -246,12 +253,12 @@ impl Boundary {
         Intervals { crossings, unstable, consistent }
     }
 
-    /// All crossings: K > 0 with Im K = 0.
+    /// All crossings: the frequencies at which K > 0 and Im K = 0.
     fn crossings(&self, points: &[Point], damping: f64) -> Vec<Crossing> {
         let imaginary = |omega: f64| self.response.at(omega).stiffness(damping).im;
         let values: Vec<f64> = points.iter().map(|p| p.stiffness(damping).im).collect();
         let mut found = Vec::new();
-        // The last point is half the output rate, where Im K is 0 by symmetry.
+        // The last point is at half the output rate. Im K is 0 there by symmetry.
         let inner = values.len() - 1;
         for i in 1..inner {
             let (low, high) = (points[i - 1].omega, points[i].omega);
@@ -277,7 +284,7 @@ impl Boundary {
         found
     }
 
-    /// Stiffness above which crossings are left out.
+    /// Crossings above this stiffness are left out.
     fn far(&self, damping: f64) -> f64 {
         FAR_STIFFNESS * (self.own_stiffness + damping.abs() * self.output_hz)
     }
@@ -298,7 +305,8 @@ impl Boundary {
 
 struct Intervals {
     crossings: Vec<Crossing>,
-    /// Number of unstable roots below the first crossing, between crossings, and above the last crossing.
+    /// Number of unstable roots in each interval: below the first crossing, between crossings, and above the last
+    /// crossing.
     unstable: Vec<i64>,
     consistent: bool,
 }
@@ -328,7 +336,8 @@ impl Intervals {
     }
 }
 
-/// Search points. The points are logarithmic from both ends of (0, pi), and dense enough for the phase of the latency.
+/// Frequencies at which the search begins. They are logarithmic from both ends of (0, pi), and dense enough for the
+/// phase of the latency.
 fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     let fine = f64::from(refinement);
     let ratio = libm::pow(10.0, 1.0 / (fine * f64::from(PER_DECADE)));
@@ -343,7 +352,7 @@ fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     let below: Vec<f64> = omegas.iter().rev().filter(|w| **w > 1e-6).map(|w| PI - w).collect();
     omegas.extend(below);
     omegas.push(PI);
-    // Near a resonance the response changes within a width that may be very small with low damping.
+    // Near a resonance the response changes over a range of frequencies. With low damping this range may be very small.
     for mark in response.marks() {
         let mut distance = step;
         while distance > MARK_MIN {
@@ -358,15 +367,15 @@ fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     omegas.into_iter().map(|omega| response.at(omega)).collect()
 }
 
-/// Whether |value| is smallest in the middle of three values with the same sign.
+/// Whether three values have the same sign and the middle one has the smallest magnitude.
 fn dips(before: f64, here: f64, after: f64) -> bool {
     let sign = here.signum();
     let (before, here, after) = (before * sign, here * sign, after * sign);
     before > here && after > here
 }
 
-/// Root of a function that changes sign between two arguments. The method is regula falsi with the Illinois
-/// modification, to the last digits.
+/// Finds the root of a function that changes its sign between two arguments. The method is regula falsi with the
+/// Illinois modification. The result is exact to the last digits.
 fn root(of: &impl Fn(f64) -> f64, low: f64, high: f64, at_low: f64, at_high: f64) -> f64 {
     let (mut a, mut b, mut fa, mut fb) = (low, high, at_low, at_high);
     for iteration in 0..200 {
@@ -391,13 +400,14 @@ fn root(of: &impl Fn(f64) -> f64, low: f64, high: f64, at_low: f64, at_high: f64
     b
 }
 
-/// Smallest value of a function between two arguments, by golden section.
+/// Finds the smallest value of a function between two arguments, by golden section.
 pub(super) fn minimum(of: impl Fn(f64) -> f64, low: f64, high: f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let (mut a, mut b) = (low, high);
     let (mut x, mut y) = (b - GOLDEN * (b - a), a + GOLDEN * (b - a));
     let (mut fx, mut fy) = (of(x), of(y));
-    // 50 sections reduce the bracket by a factor of 3e-11. A minimum is flat over 1e-8 of its argument.
+    // 50 sections reduce the interval by a factor of 3e-11. This is enough, because a minimum is flat over 1e-8 of its
+    // argument.
     for _ in 0..50 {
         if fx < fy {
             (b, y, fy) = (y, x, fx);

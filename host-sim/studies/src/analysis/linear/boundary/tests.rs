@@ -1,4 +1,4 @@
-//! Compares the boundary with independent eigenvalues, for random and extreme loops.
+//! Compares the boundary with eigenvalues that are computed independently. The loops are random or extreme.
 
 use super::{
     super::{Device, Elements, Loop, TransferFunction},
@@ -14,7 +14,7 @@ use crate::{
 
 const LOOPS: u32 = 400;
 
-/// Relative distance from a crossing, on both sides, at which the number of unstable eigenvalues is compared.
+/// The number of unstable eigenvalues is compared on both sides of a crossing, at this relative distance from it.
 const ASIDE: f64 = 1e-4;
 
 /// Tolerance for an eigenvalue on the circle. The largest eigenvalue of the matrix is about a hundred times larger than
@@ -40,7 +40,7 @@ impl Dice {
         (0..n).rev().find(|i| f64::from(*i) <= n_f).unwrap_or(0)
     }
 
-    /// A realistic device with any estimator, rate, period and latency.
+    /// Makes a realistic device with any estimator, rate, period and latency.
     fn of(&mut self) -> Loop {
         let rate_hz = [1e3, 1e4, 5e4][self.below(3) as usize];
         let device = Device {
@@ -71,7 +71,7 @@ impl Dice {
         Loop { device, elements, rate_hz, period, latency_samples, estimator }
     }
 
-    /// A realistic loop with at least one linear element.
+    /// Makes a realistic loop with at least one linear element.
     fn augmented(&mut self) -> Loop {
         let of = self.of();
         let which = 1 + self.below(7);
@@ -223,8 +223,8 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
 
 #[test]
 fn what_nothing_damps_holds_no_wall() {
-    // Two bodies are joined by a spring or a damper, without a connection to the ground. By rounding, the bodies could
-    // seem to be on a spring of 1e-12 N/m to the ground.
+    // Two bodies are joined by a spring or a damper, without a connection to the ground. Because of rounding, they
+    // could seem to be on a spring of 1e-12 N/m to the ground.
     let device = Device { mass_kg: 1.3, damping_n_s_per_m: 0.0, stiffness_n_per_m: 0.0 };
     let joined = |stiffness_n_per_m, damping_n_s_per_m| {
         Some(Mode { mass_kg: 0.18, stiffness_n_per_m, damping_n_s_per_m })
@@ -348,8 +348,8 @@ fn winding_number_counts_as_eigenvalues_do() {
 
 #[test]
 fn long_latency_follows_gils_rule() {
-    // For low damping, K < b / (T/2 + latency) (Gil et al. 2009). In this test the limit is within 2 % at 200 and 1000
-    // samples.
+    // For low damping, K < b / (T/2 + latency) (Gil et al. 2009). The limit here is within 2 % of it for latencies of
+    // 200 samples or more.
     for latency_samples in [50.0, 200.5, 1000.0] {
         let device = Device { mass_kg: 10.0, damping_n_s_per_m: 1.0, stiffness_n_per_m: 0.0 };
         let estimator = TransferFunction::finite_difference(1e4);
@@ -384,7 +384,7 @@ fn latency_is_split_exactly() {
 
 #[test]
 fn lower_cutoff_never_helps_from_100_hz_up() {
-    // Figure 2 of the paper: largest K by exact eigenvalues from another program.
+    // Figure 2 of the paper. The largest K was computed with exact eigenvalues in another program.
     for damping in [10.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0] {
         let mut last = 0.0;
         for step in 0..60 {
@@ -463,7 +463,7 @@ fn crossings_and_winding_number_count_alike_for_long_latency() {
 #[test]
 fn stable_interval_is_followed_until_it_closes() {
     // The filter is far slower than the device with its spring. With growing damping, the loop first becomes unstable
-    // at K = 0. A stable interval remains at higher K, and shrinks to a point. Two crossings meet at this point,
+    // at K = 0. A stable interval remains at higher K, and shrinks to a point. Two crossings meet at this point. It is
     // between search points.
     let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
     let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0).unwrap());
@@ -485,8 +485,8 @@ fn stable_interval_is_followed_until_it_closes() {
     let (low, high) = interval(open).unwrap();
     println!("closes at B {open} with K {low} to {high}");
     assert!(boundary.at(open).unwrap().unstable_at_zero && low > 0.0);
-    // The width of the interval is proportional to the root of the distance in B from the closing point. This distance
-    // is 1e-12 here.
+    // The width of the interval is proportional to sqrt(distance), where the distance is that of B from the point at
+    // which the interval closes. It is 1e-12 here.
     assert!((high - low) / low < 1e-4, "{low} {high}");
     let wider = interval(open - 0.1).unwrap();
     let k = 0.5 * (wider.0 + wider.1);

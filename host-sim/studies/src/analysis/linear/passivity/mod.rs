@@ -1,4 +1,4 @@
-//! Passivity of a sampled virtual wall with any passive hand, after Colgate and Schenkel.
+//! Computes which sampled virtual walls are passive with any hand (after Colgate and Schenkel).
 //!
 //! ```text
 //! b > (T/2) max over 0 <= w <= pi of Re{(1 - z^-1) C(z)} / (1 - cos w),   z = exp(j w),   C = K + B V(z)
@@ -16,16 +16,16 @@ pub(super) mod tests;
 
 pub use running::Passivity;
 
-/// Search points per decade of frequency.
+/// Number of search points per decade of frequency.
 const PER_DECADE: u32 = 64;
 /// Poles with a larger magnitude are treated as poles on the circle, because a double pole is only exact to about 1e-8.
 const STABLE_RADIUS: f64 = 1.0 - 1e-8;
 
-/// Condition on a device for passivity.
+/// What passivity demands of a device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PassivityDemand {
-    /// The device with this wall is passive exactly if its viscous damping is above this value, N s/m.
+    /// Viscous damping in N s/m. The device with this wall is passive exactly if its own damping is above this value.
     pub damping_n_s_per_m: f64,
-    /// Frequency of the strictest condition, Hz.
+    /// Frequency at which the condition is strictest, in Hz.
     pub frequency_hz: f64,
 }

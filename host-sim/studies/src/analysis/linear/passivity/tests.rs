@@ -1,4 +1,5 @@
-//! Colgate and Schenkel's condition by its own formula, for comparison with [`Passivity`](super::Passivity).
+//! Computes Colgate and Schenkel's condition with its own formula. The tests compare it with
+//! [`Passivity`](super::Passivity).
 
 use core::f64::consts::PI;
 
@@ -9,15 +10,15 @@ use super::{
     PER_DECADE, PassivityDemand, STABLE_RADIUS,
 };
 
-/// Lowest frequency, radians per sample. At lower frequencies, every estimator that the core accepts (poles above 1e-4)
-/// has the same value as at w = 0. The grid has w = 0 as a separate point.
+/// Lowest frequency of the search, in radians per sample. At lower frequencies, every estimator that the core accepts
+/// (poles above 1e-4) has the same value as at w = 0. The grid has w = 0 as a separate point.
 const OMEGA_MIN: f64 = 1e-7;
 /// Number of search points from 0 to pi.
 const LINEAR: u32 = 512;
 
-/// Necessary device damping for a wall with stiffness K, N/m, and damping B, N s/m (any sign), over all frequencies.
-/// Infinite if the estimator has a pole on or outside the unit circle, because the condition is not valid for this
-/// estimator.
+/// The damping that a device needs so that a wall with K in N/m and B in N s/m is passive at all frequencies. B may
+/// have any sign. The value is infinite if the estimator has a pole on or outside the unit circle, because the
+/// condition is not valid for this estimator.
 ///
 /// # Errors
 /// A number is not finite, the rate is not above 0, or the estimator is not usable.
@@ -49,7 +50,7 @@ pub(in super::super) fn demand(
     let one = Complex::new(1.0, 0.0);
     let dc = estimator.at(one).re;
     let slope = slope(estimator, dc);
-    // Necessary damping for B at one frequency.
+    // The damping that a device needs because of B, at one frequency.
     let cost = |omega: f64| {
         let back = Complex::new(libm::cos(omega), -libm::sin(omega));
         let w = polynomial(&slope, back) / polynomial(&estimator.den, back);
@@ -79,7 +80,7 @@ pub(in super::super) fn demand(
     })
 }
 
-/// Numerator of W in `V = dc + (1 - z^-1) W`, over the same denominator. Running sums divide by `1 - z^-1`.
+/// Numerator of W in `V = dc + (1 - z^-1) W`. W has the same denominator as V. Running sums divide by `1 - z^-1`.
 fn slope(estimator: &TransferFunction, dc: f64) -> Vec<f64> {
     let mut sum = 0.0;
     let mut sums: Vec<f64> = (0..=estimator.order())
@@ -92,7 +93,7 @@ fn slope(estimator: &TransferFunction, dc: f64) -> Vec<f64> {
     sums
 }
 
-/// The point 0, then logarithmic and linear points up to pi, ascending.
+/// The frequencies of the search in ascending order: 0, then points up to pi, both logarithmic and linear.
 fn grid() -> Vec<f64> {
     let ratio = libm::pow(10.0, 1.0 / f64::from(PER_DECADE));
     let step = PI / f64::from(LINEAR);
@@ -113,7 +114,7 @@ fn damping(k: f64, b: f64, rate: f64, estimator: &TransferFunction) -> f64 {
     demand(k, b, rate, estimator).unwrap().damping_n_s_per_m
 }
 
-/// The condition as published, on a dense grid without its 0/0.
+/// The condition as it was published, on a dense grid that leaves out its 0/0.
 fn swept(k: f64, b: f64, rate: f64, estimator: &TransferFunction) -> f64 {
     let points = 200_000;
     (1..=points)

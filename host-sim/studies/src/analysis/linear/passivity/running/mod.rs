@@ -1,4 +1,5 @@
-//! Passivity of a wall in the real loop: estimator at the sample rate, force at the output rate, with latency.
+//! Passivity of a wall in the real loop: the estimator runs at the sample rate, the force changes at the output rate,
+//! and there is latency.
 //!
 //! The loop is periodic with the output period T. The hand may be periodic too. So the condition is for the port alone.
 //! It is valid for any motion, by a linear or a non-linear hand. A motion of frequency w contains the aliases `w_n =
@@ -37,21 +38,21 @@ use nalgebra::Complex;
 use super::{PER_DECADE, PassivityDemand, STABLE_RADIUS};
 use crate::analysis::linear::{LinearError, Loop, boundary::minimum, transfer::TransferFunction};
 
-/// Lowest frequency, radians per output period. The rounding error is 1e-16 divided by the frequency, so at lower
-/// frequencies the error would be large.
+/// Lowest frequency of the search, in radians per output period. The rounding error is 1e-16 divided by the frequency,
+/// so at lower frequencies the error would be large.
 const OMEGA_MIN: f64 = 1e-6;
 /// Number of search points from 0 to pi.
 const LINEAR: f64 = 512.0;
-/// Number of search points per turn of the latency's phase.
+/// Number of search points per turn of the phase that the latency causes.
 const PER_TURN: f64 = 32.0;
-/// Number of halvings in a search for a stiffness or a damping.
+/// A search for a stiffness or a damping halves its interval this many times.
 const HALVINGS: u32 = 40;
 
-/// The wall of a loop at its port.
+/// The wall of a loop, as seen at the port to the hand.
 #[derive(Clone, Debug)]
 pub struct Passivity {
     period: u32,
-    /// Whole samples of latency, and the remaining part of a sample.
+    /// The latency as whole samples, and the remaining part of a sample.
     late: f64,
     rest: f64,
     sample_s: f64,
@@ -61,7 +62,7 @@ pub struct Passivity {
     points: Vec<Point>,
 }
 
-/// A frequency and its aliases.
+/// A frequency and its aliases, the frequencies that the sampler cannot distinguish from it.
 #[derive(Clone, Debug)]
 struct Point {
     omega: f64,
@@ -71,18 +72,18 @@ struct Point {
 /// One alias: its terms of c and r for given K and B.
 #[derive(Clone, Copy, Debug)]
 struct Alias {
-    /// Term of -c for C = 1.
+    /// Term of -c if C is 1.
     part: Complex<f64>,
-    /// Term of r for |C| = 1.
+    /// Term of r if |C| is 1.
     most: f64,
-    /// `most - |part|`, computed without cancellation.
+    /// The difference `most - |part|`. It is computed without cancellation.
     less: f64,
-    /// Response of the estimator at this alias.
+    /// Response of the estimator at the frequency of the alias.
     velocity: Complex<f64>,
 }
 
 impl Passivity {
-    /// The wall of a loop. The device and the elements of the loop are not used.
+    /// Prepares the wall of a loop. The device and the elements of the loop are not used.
     ///
     /// # Errors
     /// An error of [`Loop::check`].
@@ -110,7 +111,7 @@ impl Passivity {
         Ok(passivity)
     }
 
-    /// The point at a frequency in radians per output period.
+    /// The terms at a frequency, which is in radians per output period.
     fn at(&self, omega: f64) -> Point {
         let period = f64::from(self.period);
         // (1 - e^(-j omega)) T_s^2 / 2T
@@ -136,8 +137,8 @@ impl Passivity {
         Point { omega, aliases: aliases.collect() }
     }
 
-    /// Necessary device damping for a wall with stiffness K, N/m, and damping B, N s/m (any sign). If the estimator has
-    /// a pole on or outside the unit circle, the condition does not hold, and the value is infinite.
+    /// The damping that a device needs so that a wall with K in N/m and B in N s/m is passive. B may have any sign. If
+    /// the estimator has a pole on or outside the unit circle, no damping is enough, and the value is infinite.
     ///
     /// # Errors
     /// A number is not finite.
@@ -166,8 +167,8 @@ impl Passivity {
         Ok(PassivityDemand { damping_n_s_per_m: worst, frequency_hz: at / (2.0 * PI) * output_hz })
     }
 
-    /// Largest K, N/m, on a device with this damping. Every wall from K = 0 to this K is passive. `None` if K = 0 is
-    /// not passive.
+    /// Largest passive K in N/m on a device with this damping. Every wall from K = 0 to this K is passive. `None` if K
+    /// = 0 is not passive.
     ///
     /// # Errors
     /// A number is not finite.
@@ -189,9 +190,9 @@ impl Passivity {
         last(high, |k| Ok(asks(k)? <= device_damping_n_s_per_m)).map(Some)
     }
 
-    /// Largest B, N s/m, at which K = 0 is passive on a device with this damping. Every smaller B is also passive. If K
-    /// and B of a passive wall are multiplied by a factor below 1, the wall stays passive, because its disc lies in the
-    /// disc of the original wall.
+    /// Largest B in N s/m at which K = 0 is passive on a device with this damping. Every smaller B is also passive. If
+    /// K and B of a passive wall are multiplied by a factor below 1, the wall stays passive, because its disc lies in
+    /// the disc of the original wall.
     ///
     /// # Errors
     /// A number is not finite.
@@ -202,7 +203,7 @@ impl Passivity {
 }
 
 impl Point {
-    /// Necessary device damping at this frequency.
+    /// The damping that a device needs at this frequency.
     fn cost(&self, k: f64, b: f64) -> f64 {
         let wall = |alias: &Alias| alias.velocity * b + k;
         let mut aliases = self.aliases.iter();
@@ -215,7 +216,7 @@ impl Point {
         let length = wall(first).norm();
         let (mut sum, mut along, mut across) = (main, size, 0.0);
         let (mut most, mut less) = (first.most * length, first.less * length);
-        // Spread of |C| over the aliases around the first alias, with the weights of the sums.
+        // How much |C| differs between the aliases around the first one. The weights are those of the sums.
         let (mut weight, mut apart, mut squares) = (first.most, 0.0, 0.0);
         for alias in aliases {
             let wall = wall(alias);
@@ -232,7 +233,8 @@ impl Point {
             apart += alias.most * off;
             squares += alias.most * off * off;
         }
-        // First r^2 - |c|^2 for a time-invariant hand. For any hand, the Cauchy-Schwarz difference is added to r^2.
+        // `still` is r^2 - |c|^2 for a time-invariant hand. For any hand, the Cauchy-Schwarz difference is added to
+        // r^2.
         let still = less * (most + along) - across * across;
         let free = (still + (weight * squares - apart * apart)).max(0.0);
         sum.re + (free + sum.re * sum.re).sqrt()
@@ -248,7 +250,8 @@ fn finite(stiffness: f64, damping: f64) -> Result<(), LinearError> {
     Ok(())
 }
 
-/// The largest value from 0 to `high` for which `passes` is true. `passes` is true for 0 and false for `high`.
+/// Searches the largest value from 0 to `high` for which `passes` is true. `passes` must be true for 0 and false for
+/// `high`.
 fn last(high: f64, passes: impl Fn(f64) -> Result<bool, LinearError>) -> Result<f64, LinearError> {
     let (mut good, mut bad) = (0.0, high);
     for _ in 0..HALVINGS {

@@ -33,7 +33,7 @@ fn with_a_force_for_every_sample_at_once_it_is_colgate_and_schenkels() {
     }
 }
 
-/// K < b / (T/2 + t_d), computed by hand: T = 1 ms, t_d = 0, 1, 2, 3 ms, and the paper's b.
+/// The limit K < b / (T/2 + t_d) is computed by hand for the paper's b, T = 1 ms, and t_d = 0, 1, 2 and 3 ms.
 #[test]
 fn a_spring_behind_whole_periods_of_latency_is_passive_up_to_the_known_line() {
     for (period, latency, limit) in [
@@ -137,23 +137,23 @@ fn the_ports_of_the_papers_loop_are_passive_up_to_the_known_stiffnesses() {
     }
 }
 
-/// Output periods of the record. Before the record, the loop settles for the same number of periods.
+/// Number of output periods in the record. Before the record, the loop settles for the same number of periods.
 const PERIODS: u32 = 4000;
 
-/// A motion, given by its speeds at the samples of an output period. From one period to the next, the phase of the
-/// speeds changes by `omega`.
+/// A motion that is described by its speeds at the samples of one output period. From one period to the next, the phase
+/// of the speeds changes by `omega`.
 struct Motion {
     omega: f64,
     speeds: Vec<Complex<f64>>,
 }
 
-/// The necessary damping, and the motion that takes the largest energy out of a wall and a damper. The result comes
-/// from the loop's own kernels over a period, without a sum over aliases.
+/// The damping that a device needs, and the motion that takes the largest energy out of a wall and a damper. The result
+/// comes from the loop's own kernels over a period, without a sum over aliases.
 fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
     let period = of.period as usize;
     let sample_s = of.sample_s();
     let turn = |periods: f64| Complex::from_polar(1.0, -omega * periods);
-    // Part of the command that comes from a unit speed, by the number of samples since this speed.
+    // The part of the command that comes from a speed of 1, for each number of samples since this speed.
     let response = step_response(&of.estimator, 400 * period);
     let mut command: Vec<Complex<f64>> = vec![turn(1.0) / (turn(1.0) * -1.0 + 1.0) * k; period];
     for (ago, value) in (1..).zip(&response) {
@@ -168,7 +168,7 @@ fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
         let periods = late / period + usize::from(sample < late % period);
         -turn(periods as f64)
     };
-    // Power out of the port: Re(conj(v_i) F_i), where F = force * sum of command v.
+    // Power that flows out of the port: Re(conj(v_i) F_i), where F = force * (sum of command * v).
     let form = nalgebra::DMatrix::from_fn(period, period, |i, j| {
         (force(i) * command[j] + (force(j) * command[i]).conj()) * (0.5 * sample_s)
     });
@@ -178,8 +178,8 @@ fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
     (eigen.eigenvalues[highest], Motion { omega, speeds })
 }
 
-/// Sums of the estimator's impulse response. Each sum is the part of V from a unit step of the position, by the number
-/// of samples since the step.
+/// Sums of the estimator's impulse response. Element n is the estimate n samples after the position has made a step of
+/// 1.
 fn step_response(of: &TransferFunction, samples: usize) -> Vec<f64> {
     let mut loops = Difference::new(of);
     (0..samples).map(|_| loops.next(1.0)).collect()
@@ -216,7 +216,7 @@ fn energy_out(of: &Loop, k: f64, b: f64, motion: &Motion) -> f64 {
     let mut commands = std::collections::VecDeque::new();
     let (mut position, mut acting) = (0.0, 0.0);
     let (mut out, mut taken) = (0.0, 0.0);
-    // After a period the motion returns to its start, so the mean speed gives the position.
+    // After a period the motion is back at its start, except for its phase. So the mean speed gives the position.
     let drift: Complex<f64> = motion.speeds.iter().sum::<Complex<f64>>() * sample_s;
     let start = drift / (Complex::from_polar(1.0, motion.omega) - 1.0);
     position += start.re;
@@ -254,7 +254,7 @@ fn a_constructed_motion_takes_energy_out_just_outside_and_none_just_inside() {
         for (share, outside) in [(1.02, true), (0.98, false)] {
             let k = share * limit;
             let demand = passivity.demand(k, b).unwrap();
-            // The record has whole turns of the motion, so stored energy returns.
+            // The record has a whole number of turns of the motion, so stored energy comes back.
             let wanted = demand.frequency_hz * f64::from(period) / 1e4 * f64::from(PERIODS);
             let omega = 2.0 * PI * wanted.round().max(1.0) / f64::from(PERIODS);
             let (asks, motion) = worst(&of, k, b, omega);
