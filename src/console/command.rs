@@ -37,10 +37,10 @@ pub enum Command {
     Cutoff(f64),
     /// The estimator's tuning, in its own unit: see [`EstimatorName::parameters`].
     Tuning(f64),
-    /// A further parameter of the estimator, in its own unit. The first value is the number of the parameter; 1 is the
-    /// second parameter.
+    /// A further parameter of the estimator, in the parameter's own unit. The `usize` is the index of the parameter
+    /// among all parameters of the estimator. It begins at 1, the second parameter.
     Further(usize, f64),
-    /// Velocity estimator by its name.
+    /// Choose the velocity estimator by its name.
     Estimator(EstimatorName),
     /// Say which designs the device has.
     Designs,
@@ -48,7 +48,7 @@ pub enum Command {
     Design(Name),
     /// Output period, a number of samples.
     Period(f64),
-    /// Push of the experiments, N; does nothing by itself.
+    /// The force with which the experiments push, in N. The command itself moves nothing.
     Push(f64),
     /// Run a wall hit.
     Hit,
@@ -84,7 +84,8 @@ pub enum Command {
     RmsLimit(f64),
     /// Criterion of a stable hit.
     Criterion(Criterion),
-    /// Limit of a quiet hit's RMS of the force, N. 0: a share of the push.
+    /// Limit of the force's RMS, in N, for a hit that the criterion `quiet` judges. With 0 the limit is a share of the
+    /// push.
     ForceRmsLimit(f64),
     /// Grid of the walk.
     Grid(GridValue, f64),
@@ -94,7 +95,8 @@ pub enum Command {
     EncoderReversed(bool),
     /// Test the board, with the force off.
     SelfTest,
-    /// The host is present, and will send this command again within this time, ms. 0: no such promise.
+    /// The host is present, and will send this command again within this time, in ms. With 0 the host need not send it
+    /// again.
     Alive(f64),
 }
 
@@ -197,7 +199,7 @@ impl ParseError {
     }
 }
 
-/// Form of the words after a command's name.
+/// Which words may follow a command's name, and the command that they make.
 enum Form {
     Plain(Command),
     Number(fn(f64) -> Command),
@@ -206,7 +208,7 @@ enum Form {
     Design,
 }
 
-/// Name, use and form of a command.
+/// Name of a command, its usage as `help` prints it, and the form of its words.
 type Entry = (&'static str, &'static str, Form);
 
 static TABLE: &[Entry] = {
@@ -290,13 +292,13 @@ static TABLE: &[Entry] = {
     ]
 };
 
-/// How each command is typed, in the order of `help`.
+/// The usage of each command, in the order of `help`.
 pub fn usages() -> impl Iterator<Item = &'static str> {
     TABLE.iter().map(|(_, usage, _)| *usage)
 }
 
-/// Reads one line: a name and at most one word or number, with blanks around them, in upper or lower case. The input
-/// may be any bytes. The form of a number is checked here. The range of a number is checked where the settings are
+/// Reads one line. It has a name and at most one word or number, with blanks around them, in upper or lower case. The
+/// input may be any bytes. Here only the form of a number is checked. Its range is checked where the settings are
 /// built.
 ///
 /// # Errors
@@ -305,8 +307,8 @@ pub fn parse(line: &[u8]) -> Result<Command, ParseError> {
     parse_in(line, Spoken::AT_HANDLE)
 }
 
-/// As [`parse`], for numbers that are typed in the units of `spoken`. The numbers of the command are in units at the
-/// handle.
+/// Does what [`parse`] does, but the user types the numbers in the units of `spoken`. The returned command has them in
+/// units at the handle.
 ///
 /// # Errors
 /// Says what is allowed.
