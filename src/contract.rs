@@ -369,8 +369,8 @@ pub trait CommandChannel {
     fn read(&mut self, bytes: &mut [u8]) -> usize;
 }
 
-/// The error bits of the flash controller's status register. 0: address or length is not allowed, and the controller
-/// was not used.
+/// The error bits of the flash controller's status register. With 0 the address or the length was not allowed, and the
+/// controller was not used.
 ///
 /// Erase and write stall the core, on some boards for up to a second. `link` erases and writes only with the force off.
 /// Meanwhile the board gives the watchdog more time.
@@ -396,7 +396,7 @@ pub struct Drive<F, E> {
 }
 
 impl<F: ForceOutput, E: Enable> Drive<F, E> {
-    /// A drive made of this force output and this enable line. Both must be off.
+    /// Combines this force output and this enable line. Both must be off.
     pub const fn new(force: F, enable: E) -> Self {
         Self { force, enable }
     }
@@ -426,7 +426,8 @@ impl<F: ForceOutput, E: Enable> Drive<F, E> {
     }
 }
 
-/// The emergency stop: a normally closed switch to ground with a pull-up. An open switch or a cut wire is a stop.
+/// The emergency stop. It is a normally closed switch from the pin to ground, and the pin has a pull-up. An open switch
+/// or a cut wire means stop.
 pub struct EmergencyStop<P>(P);
 
 impl<P: InputPin> EmergencyStop<P> {

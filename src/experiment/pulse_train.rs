@@ -31,12 +31,12 @@ pub const WEAKER: f64 = 4.0;
 pub const REST_S: f64 = 3.0;
 /// Number of pulses in a train.
 pub const PULSES: usize = 4;
-/// Push of each pulse, as part of the force.
+/// Push of each pulse, as a part of the force of the train.
 pub const PARTS: [f64; PULSES] = [1.0, -1.0, 1.0 / WEAKER, -1.0 / WEAKER];
 /// Length of each pulse, s.
 pub const LENGTHS_S: [f64; PULSES] = [SHORT_S, SHORT_S, LONG_S, LONG_S];
 
-/// The parts of a pulse train.
+/// A pulse train in integer form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PulseTrainPlan {
     /// Push of each pulse, and its length in outputs.
@@ -83,15 +83,15 @@ pub struct PulseTrain {
     rest: u32,
     back: ReturnPlan,
     stands: DutyPlan,
-    /// Number of complete pulses.
+    /// Number of pulses that are over.
     over: usize,
     phase: Phase,
-    /// Kind of the phase, stored twice, so that a flipped bit begins no pulse.
+    /// Kind of the phase. It repeats what `phase` says, so that a flipped bit cannot begin a pulse.
     part: Part,
 }
 
 impl PulseTrain {
-    /// A train whose first output is still to come.
+    /// Makes a pulse train whose first output is still to come.
     pub fn new(plan: PulseTrainPlan) -> Self {
         let PulseTrainPlan { pulses, rest, back, duty: stands } = plan;
         let phase = Phase::Approach(Approach::default());
