@@ -99,7 +99,7 @@ impl PulseTrain {
         Self { pulses: Doubled::new(pulses), rest, back, stands, over: 0, phase, part }
     }
 
-    /// Flips a bit of the pulses' copy.
+    /// Flips a bit of the second copy of the pulses.
     #[cfg(test)]
     pub fn spoil(&mut self) {
         let mut pulses = *self.pulses;
@@ -107,7 +107,7 @@ impl PulseTrain {
         self.pulses.spoil(pulses);
     }
 
-    /// Whether the pulses are the ordered pulses, and the phase is unchanged.
+    /// Whether the pulses are still those that were ordered, and no flipped bit has changed the phase.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.pulses.is_whole() && self.phase.part() == self.part
@@ -119,8 +119,8 @@ impl PulseTrain {
         self.phase = phase;
     }
 
-    /// The push for this output. `None`: all pulses are over. `contact`: the handle is inside the wall, which has no
-    /// force.
+    /// Returns the push for this output. Returns `None` when all pulses are over. `contact` says whether the handle is
+    /// inside the wall, which has no force.
     ///
     /// # Errors
     /// The train cannot continue. There is no push any more.
@@ -191,8 +191,8 @@ mod tests {
         }
     }
 
-    /// Four pulses of both signs and both lengths. Each begins at rest at the start. Only the return move is between
-    /// them.
+    /// The train has four pulses with both signs and both lengths. Each begins at rest at the start. Apart from the
+    /// return move no force acts between them.
     #[test]
     #[cfg_attr(miri, ignore = "four returns in closed loop")]
     fn four_pulses_each_from_rest_at_the_start() {

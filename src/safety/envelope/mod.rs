@@ -1,10 +1,10 @@
-//! The envelope: walls that the simulator predicts to be stable. Each design, and each estimator with its cutoff, has a
-//! table for each output period.
+//! The envelope: the walls that the simulator predicts to be stable. There is a table for each design and output
+//! period, and for each estimator with a cutoff and output period.
 //!
-//! The tables are a part of the [device record](crate::device::record), for the record's device and latency. At each B
-//! a table has an interval of K, because at large B a soft wall may chatter although a stiffer wall is stable. A wall
-//! outside the interval is refused until the envelope is unlocked. If a key has no table, no wall is known to be
-//! stable. Then every wall is refused.
+//! The tables are part of the [device record](crate::device::record). They are valid for the device and the latency of
+//! this record. At each B a table has an interval of K, because at large B a soft wall may chatter although a stiffer
+//! wall is stable. A wall outside the interval is refused until the envelope is unlocked. If the estimator, cutoff and
+//! period in use have no table, no wall is known to be stable. Then every wall is refused.
 
 mod words;
 
@@ -18,13 +18,13 @@ use words::Rows;
 pub struct Point {
     /// Damping B of these walls, N s/m.
     pub damping_n_s_per_m: f64,
-    /// Lowest K, N/m. 0 if the softest wall of the study is stable.
+    /// The lowest stable K, in N/m. It is 0 if the softest wall of the study is stable.
     pub stiffness_low_n_per_m: f64,
-    /// Highest K, N/m. 0 if no wall is stable.
+    /// The highest stable K, in N/m. It is 0 if no wall is stable.
     pub stiffness_high_n_per_m: f64,
 }
 
-/// Key of a boundary: estimator, cutoff, period and design.
+/// Names a table of the envelope by estimator, cutoff, output period and design.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key {
     /// Estimator of the boundary.
@@ -33,8 +33,8 @@ pub struct Key {
     pub cutoff_hz: f64,
     /// Samples from output to output.
     pub period: u32,
-    /// Number of the [design](crate::device::designs) that equals the estimator with all of its parameters. 0: no
-    /// design, and the further parameters have their defaults.
+    /// Number of the [design](crate::device::designs) that equals the estimator with all of its parameters. It is 0 if
+    /// there is no such design; the further parameters then have their defaults.
     pub design: u8,
 }
 
