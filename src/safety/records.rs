@@ -5,15 +5,16 @@ use super::{Fault, FaultRecord, FaultSet};
 /// State of the supervisor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// No force; waits for `arm`.
+    /// There is no force. The supervisor waits for `arm`.
     Off,
-    /// After `arm`: a force of at most 5 %, for at most 100 ms, shows whether motor and encoder agree.
+    /// The first state after `arm`. A force of at most 5 % acts for at most 100 ms. It shows whether the signs of motor
+    /// and encoder agree.
     SignTest,
     /// The force rises.
     RampIn,
     /// The full force acts.
     Armed,
-    /// No force until `clear`.
+    /// There is no force until `clear`.
     Fault,
 }
 
@@ -35,7 +36,7 @@ impl State {
     }
 }
 
-/// Facts that board and link know at an output.
+/// Facts about board and settings at an output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Inputs {
     /// The emergency stop is closed, so force is possible.
@@ -70,8 +71,8 @@ pub struct Sensed {
 }
 
 impl Inputs {
-    /// The inputs that follow from these facts. `cut`: the task `sample` has switched the amplifier off.
-    /// `settings_valid`: as in [`Inputs`].
+    /// Derives the inputs from these facts. `cut` says whether the task `sample` has switched the amplifier off.
+    /// `settings_valid` is the field of [`Inputs`].
     #[inline(always)]
     pub fn of(sensed: Sensed, cut: bool, settings_valid: bool) -> Self {
         let Sensed { switched_on, halted, supply_good, found, .. } = sensed;
@@ -92,7 +93,7 @@ impl Inputs {
     }
 }
 
-/// A request of the link.
+/// A request from the console to the supervisor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// Switch the force on: sign test, then ramp.
@@ -107,7 +108,7 @@ pub enum Request {
     Unlock,
     /// Motor or encoder are reversed, so the zero is lost.
     Turn,
-    /// Flash is about to be written (`true`), or was (`false`).
+    /// Flash is about to be written (`true`), or was written (`false`).
     Stall(bool),
     /// Switch off with this fault, which only the board can find.
     Trip(Fault),
@@ -116,7 +117,7 @@ pub enum Request {
 /// Why a request or a command is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// The command `zero` comes first.
+    /// The count was not zeroed yet: send `zero` first.
     NotZeroed,
     /// The settings are not valid, or outside the envelope.
     Settings,
@@ -174,7 +175,7 @@ impl Refusal {
     }
 }
 
-/// State of the supervisor for the link.
+/// What the supervisor reports to the console.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Status {
     /// State of the supervisor.
