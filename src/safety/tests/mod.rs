@@ -192,7 +192,7 @@ impl Bench {
         self.control = control.after(&self.control);
     }
 
-    /// A hand moves the handle by that many counts until the next output.
+    /// A hand moves the handle by `counts` until the next output.
     fn drag(&mut self, counts: i32) {
         for _ in 0..10 {
             self.position_m += f64::from(counts) * 1e-7;
@@ -200,7 +200,7 @@ impl Bench {
         }
     }
 
-    /// After a fault: clear, then arm again.
+    /// After a fault, clears it and arms again.
     fn recover(&mut self) {
         self.ask(Request::Clear).unwrap();
         self.run(20);
