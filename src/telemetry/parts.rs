@@ -338,7 +338,7 @@ impl<'a> Parts<'a> {
         places.get(..=count).unwrap_or_default()
     }
 
-    /// The push of an experiment at the `n`-th output of the frame; the oldest output is 0.
+    /// Returns the push of an experiment at the `n`-th output of the frame. Number 0 is the oldest output.
     pub fn push(self, n: usize) -> Force {
         let (pushes, _) = self.find(kind::PUSHES).unwrap_or_default().as_chunks();
         pushes
@@ -346,7 +346,7 @@ impl<'a> Parts<'a> {
             .map_or(Force::ZERO, |bits| Force::saturating_from_bits(i32::from_le_bytes(*bits)))
     }
 
-    /// Settings in the frame. An item is `None` if this build lacks the estimator.
+    /// Returns the settings in the frame. An item is `None` if this build lacks the estimator.
     pub fn settings(self) -> impl Iterator<Item = Option<InForce>> + use<'a> {
         self.all().filter(|(kind, _)| *kind == kind::SETTINGS).map(|(_, part)| settings(part))
     }
@@ -382,7 +382,7 @@ const PORT_LEAST: usize = 2 * 8;
 const SETTINGS_LEAST: usize = 2 + 4 + 4 + 2 + 4 + 6 * 8;
 const STATE_LEAST: usize = 8 + 3 * 2 + 2 * 4;
 
-/// Whether no escape is cut off.
+/// Whether every escape is followed by its four bytes.
 fn is_whole(mut rest: &[u8]) -> bool {
     while let Some((first, behind)) = rest.split_first() {
         let more = if first.cast_signed() == ESCAPE { 4 } else { 0 };
@@ -392,7 +392,7 @@ fn is_whole(mut rest: &[u8]) -> bool {
     true
 }
 
-/// The differences of a part of the counts.
+/// Returns the differences that a part with counts contains.
 fn differences(kind: u8, part: &[u8]) -> impl Iterator<Item = i32> {
     let (mut rest, mut second) = (part, None);
     core::iter::from_fn(move || {

@@ -1,5 +1,5 @@
-//! Observer of position, velocity and disturbance. A part of the acceleration is known, from the commanded force
-//! (extended-state observer) or from an accelerometer (fusion).
+//! An observer of position, velocity and disturbance. A part of the acceleration is known. It comes from the commanded
+//! force (extended-state observer), or from an accelerometer (fusion).
 //!
 //! ```text
 //! a  = u + d^                              u: the part that is known, counts per sample^2
