@@ -114,9 +114,9 @@ impl ButterworthDesign {
 
     /// The coefficients in LSB of 2^-30, with a DC gain of exactly one.
     ///
-    /// `a2` is rounded. The DC sum `S` is rounded from `4 b0`, where nothing cancels. `a1` follows from `S` and `a2`.
-    /// The numerator is split so that its coefficients add up to `S`. So the rounding error is at most half an LSB for
-    /// `a2`, one LSB for `a1` and `b0`, and two LSB for `b1`.
+    /// `a2` is rounded. The DC sum `S` is rounded from `4 b0`, because nothing cancels in this product. `a1` follows
+    /// from `S` and `a2`. The numerator is split so that its coefficients add up to `S`. So the rounding error is at
+    /// most half an LSB for `a2`, one LSB for `a1` and `b0`, and two LSB for `b1`.
     pub fn quantise(&self) -> Biquad {
         const ONE: i32 = 1 << Biquad::FRACTION_BITS;
         let scale = f64::from(ONE);
@@ -156,8 +156,8 @@ impl FirstOrder {
         Self { b0: w / (2.0 + w), a1: (w - 2.0) / (2.0 + w) }
     }
 
-    /// The coefficients in LSB of 2^-30, with a DC gain of exactly one. The error of each coefficient is at most one
-    /// LSB. The single pole needs no second order of error feedback at any cutoff.
+    /// Returns the coefficients in LSB of 2^-30, with a DC gain of exactly one. The rounding error of each coefficient
+    /// is at most one LSB. The single pole needs no second order of error feedback at any cutoff.
     pub fn quantise(&self) -> Biquad {
         const ONE: i32 = 1 << Biquad::FRACTION_BITS;
         #[expect(clippy::cast_possible_truncation, reason = "2 b0 < 2")]

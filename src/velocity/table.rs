@@ -6,7 +6,7 @@
 use super::{parameter::Number, rows::estimators, *}; // what the rows name
 use crate::{Design, SettingsError, units::Velocity};
 
-/// Marks the usual estimators. This function does nothing.
+/// Does nothing. A call marks the branch of a usual estimator as likely.
 #[inline(always)]
 const fn usual() {}
 
