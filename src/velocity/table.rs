@@ -17,22 +17,24 @@ estimators! {
             LowPass(Biquad) keeps filter;
         }
         names {
-            /// Finite difference followed by a second-order Butterworth low-pass; the paper's estimator.
+            /// Finite difference followed by a second-order Butterworth low-pass. This is the paper's estimator.
             Butterworth = 1, "butterworth" {
-                /// Cutoff in Hz, as in the paper's equation (2): 3.5e-5 to 0.499 of the rate.
+                /// Cutoff in Hz, as in the paper's equation (2). The range is 3.5e-5 to 0.499 of the sample rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
             } => |design| LowPass(Biquad::low_pass(2, cutoff_hz, design.rate_hz, false)?);
-            /// As `butterworth`, but pre-warped: the -3 dB frequency of the digital filter is the cutoff itself.
+            /// Like `butterworth`, but pre-warped, so that the -3 dB frequency of the digital filter is exactly the
+            /// cutoff.
             ButterworthPrewarped = 2, "butterworth-prewarped" {
                 /// Cutoff in Hz: 3.5e-5 to 0.38 of the rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
             } => |design| LowPass(Biquad::low_pass(2, cutoff_hz, design.rate_hz, true)?);
             /// Finite difference followed by a first-order low-pass.
             FirstOrder = 4, "first-order" {
-                /// Cutoff in Hz of the analog low-pass: 3.5e-5 to 0.499 of the rate.
+                /// Cutoff of the analog low-pass, in Hz. The range is 3.5e-5 to 0.499 of the sample rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
             } => |design| LowPass(Biquad::low_pass(1, cutoff_hz, design.rate_hz, false)?);
-            /// As `first-order`, but pre-warped: the -3 dB frequency of the digital filter is the cutoff itself.
+            /// Like `first-order`, but pre-warped, so that the -3 dB frequency of the digital filter is exactly the
+            /// cutoff.
             FirstOrderPrewarped = 5, "first-order-prewarped" {
                 /// Cutoff in Hz: 3.5e-5 to 0.38 of the rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
@@ -82,9 +84,9 @@ estimators! {
             } => |design| LowPass(TrackingLoop::new(bandwidth_hz, design.rate_hz)?.quantise());
             /// Extended-state observer that knows the force.
             Observer = 31, "observer" {
-                /// Frequency of the three poles, Hz: 1e-3 to 0.2 of the rate.
+                /// Frequency of the three poles, in Hz. The range is 1e-3 to 0.2 of the sample rate.
                 bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
-                /// Mass of the model, kg: 1e-3 to 100. The default is the mass of the paper's device.
+                /// Mass of the model, in kg. The range is 1e-3 to 100. The default is the mass of the paper's device.
                 mass_kg: f64 = ("mass", "kg", 0.416),
             } needs Force => |design| Observer(
                 ObserverDesign::of_mass(bandwidth_hz, mass_kg, design)?.quantise()
@@ -97,9 +99,9 @@ estimators! {
             TimeStamps(TimeStamps) keeps time_stamps;
         }
         names {
-            /// Times of the encoder's edges.
+            /// Velocity from the times of the encoder's edges.
             TimeStamps = 32, "time-stamps" {
-                /// Shortest time of a measurement, samples: 1 to 62.
+                /// Shortest time of a measurement, in samples. The range is 1 to 62.
                 span_samples: u32 = ("span", "samples", 8.0),
             } needs Edge => |_| TimeStamps(TimeStamps::new(span_samples)?);
         }
@@ -114,7 +116,7 @@ estimators! {
             Levant(Levant) keeps levant;
             /// Kalman filter with steady gains.
             Kalman(Kalman) keeps kalman;
-            /// Counts in a window, divided by its length.
+            /// Counts in a window of samples, divided by the window's length.
             WindowDifference(WindowDifference) keeps window;
             /// Two biquads in series.
             Cascade(Cascade) keeps cascade;
@@ -122,8 +124,8 @@ estimators! {
         names {
             /// Position and acceleration, combined by an observer.
             Fusion = 33, "fusion" {
-                /// Frequency, Hz: 1e-3 to 0.2 of the rate. Below it the position has more weight, above it the
-                /// acceleration.
+                /// Crossover frequency, in Hz. The range is 1e-3 to 0.2 of the sample rate. Below it the position has
+                /// more weight, and above it the acceleration has more.
                 crossover_hz: f64 = ("crossover", "Hz", 50.0),
             } needs Acceleration => |design| Fusion(Fusion(
                 ObserverDesign::of_accelerometer(crossover_hz, design.rate_hz)?.quantise()
@@ -163,30 +165,32 @@ estimators! {
             );
             /// Steady-state Kalman filter with two states: position and velocity.
             Kalman2 = 14, "kalman-2" {
-                /// Acceleration that differs from sample to sample, RMS, m/s^2. Its range follows from the design.
+                /// RMS of the acceleration, which is assumed to differ from sample to sample, in m/s^2. Its range
+                /// follows from sample rate and resolution.
                 acceleration_rms_m_per_s2: f64 = ("acceleration_rms", "m/s^2", 20.0),
             } => |design| Kalman(
                 KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?.quantise()
             );
             /// Steady-state Kalman filter with three states: position, velocity and acceleration.
             Kalman3 = 15, "kalman-3" {
-                /// Jerk that differs from sample to sample, RMS, m/s^3. Its range follows from the design.
+                /// RMS of the jerk, which is assumed to differ from sample to sample, in m/s^3. Its range follows from
+                /// sample rate and resolution.
                 jerk_rms_m_per_s3: f64 = ("jerk_rms", "m/s^3", 20_000.0),
             } => |design| Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?.quantise());
             /// Finite difference followed by a low-pass of second order of any damping.
             SecondOrder = 17, "second-order" {
-                /// Cutoff in Hz, not pre-warped: 3.5e-5 to 0.499 of the rate. An undamped filter would resonate at this
-                /// frequency.
+                /// Cutoff in Hz, without pre-warping. The range is 3.5e-5 to 0.499 of the sample rate. An undamped
+                /// filter would resonate at this frequency.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
                 /// Quality factor Q, 0.3 to 2. Q = 0.707 gives a Butterworth filter, Q = 0.5 gives two equal poles.
                 quality: f64 = ("quality", "1", 0.5),
             } => |design| LowPass(Biquad::second_order(cutoff_hz, quality, design.rate_hz)?);
             /// Finite difference and exponential smoothing, `y += (1 - p) (x - y)`, once or twice.
             Smoothing = 19, "smoothing" {
-                /// Frequency of the slower pole p, Hz: 3.5e-5 to 0.25 of the rate.
+                /// Frequency of the slower pole p, in Hz. The range is 3.5e-5 to 0.25 of the sample rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 500.0),
-                /// Frequency of the second pole, divided by the frequency of pole p: 1 to 1e6. At 1e6 there is no
-                /// second pole.
+                /// Frequency of the second pole, divided by the frequency of pole p. The range is 1 to 1e6. At 1e6
+                /// there is no second pole.
                 ratio: f64 = ("ratio", "1", 1.0),
             } => |design| LowPass(
                 TrackingLoop::smoothing(cutoff_hz, ratio, design.rate_hz)?.quantise()
@@ -195,16 +199,18 @@ estimators! {
             TrackingLead = 20, "tracking-lead" {
                 /// Frequency of the two poles, Hz: 3.5e-5 to 0.25 of the rate.
                 bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
-                /// Samples by which the output leads, from its last change. The lowest value, -1, is a lag of a sample.
+                /// Number of samples by which the output is extrapolated from its last change. The lowest value, -1, is
+                /// a lag of one sample.
                 lead: f64 = ("lead", "1", 0.0),
             } => |design| LowPass(TrackingLoop::led(bandwidth_hz, lead, design.rate_hz)?.quantise());
             /// Finite difference and a biquad that is designed for a device, with two poles, a lead and a second zero.
             Biquad = 21, "biquad" {
-                /// Frequency of the poles, Hz: 3.5e-5 to 0.2 of the rate.
+                /// Frequency of the poles, in Hz. The range is 3.5e-5 to 0.2 of the sample rate.
                 frequency_hz: f64 = ("frequency", "Hz", 700.0),
                 /// Damping ratio of the poles, 0.02 to 4.
                 damping: f64 = ("damping", "1", 0.5),
-                /// Lead of a slow motion, s. The range follows from the other parameters.
+                /// Time by which the velocity of a slow motion leads, in s. The range follows from the other
+                /// parameters.
                 lead_s: f64 = ("lead", "s", 0.0),
                 /// Position of the second zero in the z plane, -1 to 0.98. At -1 the zero suppresses half the sample
                 /// rate. At 0 there is no zero.
@@ -212,9 +218,9 @@ estimators! {
             } => |design| LowPass(
                 BiquadDesign::new(frequency_hz, damping, lead_s, zero, design.rate_hz)?.quantise()
             );
-            /// As `biquad`, with a second biquad behind it.
+            /// Like `biquad`, but a second biquad follows the first.
             Biquad2 = 22, "biquad-2" {
-                /// Frequency of the first section's poles, Hz: 3.5e-5 to 0.2 of the rate.
+                /// Frequency of the first section's poles, in Hz. The range is 3.5e-5 to 0.2 of the sample rate.
                 frequency_hz: f64 = ("frequency", "Hz", 700.0),
                 /// Damping ratio of the first section's poles, 0.02 to 4.
                 damping: f64 = ("damping", "1", 0.5),
