@@ -43,7 +43,7 @@ use crate::{
     velocity::{Sense, Senses},
 };
 
-/// Samples per second of every board, Hz.
+/// Samples per second of every board, in Hz.
 pub const RATE_HZ: u32 = 1000 * SAMPLES_PER_MS;
 
 /// A board: its constants and the types of its parts.

@@ -32,7 +32,7 @@ pub struct LoopParameters {
 pub struct Motion {
     /// Number of this sample, from 0.
     pub sample: u64,
-    /// Position of the handle, counts.
+    /// Position of the handle, in counts.
     pub position: Position,
     /// Velocity of the handle as the estimator finds it, in 2^-16 counts per sample.
     pub velocity: Velocity,

@@ -9,11 +9,11 @@ use crate::{
 /// Fixed data of a device. They do not change while the loop runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Design {
-    /// Encoder samples per second, Hz.
+    /// Encoder samples per second, in Hz.
     pub rate_hz: f64,
     /// Encoder resolution, m per count.
     pub resolution_m: f64,
-    /// Force at full command, N.
+    /// Force at full command, in N.
     pub full_scale_n: f64,
     /// Samples per output. For example, it is 10 if samples come at 10 kHz and outputs at 1 kHz.
     pub period: u32,

@@ -53,7 +53,7 @@ pub struct Device<'a> {
     pub duty: DutySettings,
     /// Scale of the voltage with which the amplifier reports its current.
     pub current: CurrentSettings,
-    /// Distance of the handle from the axis of a rotary device, m. 0: the handle moves straight.
+    /// Distance of the handle from the axis of a rotary device, in m. 0: the handle moves straight.
     pub radius_m: f64,
     /// The return move to the start of a hit. Its `start_m` is only a default: the start that is used comes from the
     /// stored settings.
@@ -110,11 +110,11 @@ pub struct Start {
 }
 
 impl Device<'_> {
-    /// Allowed radii of a rotary handle, m. A linear handle has radius 0.
+    /// Allowed radii of a rotary handle, in m. A linear handle has radius 0.
     pub const RADIUS_M: RangeInclusive<f64> = 1e-3..=10.0;
     /// The longest latency that a record may have, in samples. On the present boards it is half a second.
     pub const LATENCY_MAX_SAMPLES: f64 = 5000.0;
-    /// Farthest end of the travel from zero, m. A handle may turn several times.
+    /// Farthest end of the travel from zero, in m. A handle may turn several times.
     pub const TRAVEL_MAX_M: f64 = 10.0;
     /// Highest believable speed that a record may have, m/s.
     pub const SPEED_MAX_M_PER_S: f64 = 100.0;

@@ -87,7 +87,7 @@ impl PassivitySettings {
 
 /// Number of binary places of an acceleration in counts per sample^2.
 const ACCELERATION_BITS: i32 = 32;
-/// The least acceleration, m/s^2.
+/// The least acceleration, in m/s^2.
 const LEAST_M_PER_S2: f64 = 1e-6;
 
 /// The controller in counts. Made by [`PassivitySettings::build`].

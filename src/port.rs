@@ -25,13 +25,13 @@ use crate::units::Position;
 /// The energy account of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortEnergy {
-    /// Force of the wall that acts, LSB of force.
+    /// Force of the wall that acts, in LSB of force.
     wall: i64,
     /// Whether the output of this force was in contact.
     contact: bool,
     /// Position up to which the motion is in the account.
     at: Position,
-    /// Energy of this contact, LSB of force times counts.
+    /// Energy of this contact, in LSB of force times counts.
     energy: i64,
     /// The largest energy that any contact has given in excess of what it had taken, in LSB of force times counts.
     given: i64,
@@ -75,7 +75,7 @@ impl PortEnergy {
         self.at = position;
     }
 
-    /// Force of the wall that acts, LSB of force.
+    /// Force of the wall that acts, in LSB of force.
     #[inline]
     pub const fn wall(&self) -> i64 {
         self.wall
@@ -115,7 +115,7 @@ impl PortEnergy {
     }
 }
 
-/// Energies of an account, LSB of force times counts.
+/// Energies of an account, in LSB of force times counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Exchanged {
     /// Energy that the wall has taken, see [`PortEnergy::energy`]. It is negative if the wall has given energy.

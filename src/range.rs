@@ -11,13 +11,13 @@ pub mod limits {
     pub const RATE_HZ: RangeInclusive<f64> = 1e3..=5e4;
     /// Encoder resolution, m per count.
     pub const RESOLUTION_M: RangeInclusive<f64> = 1e-8..=1e-3;
-    /// Force at full command, N.
+    /// Force at full command, in N.
     pub const FULL_SCALE_N: RangeInclusive<f64> = 1e-3..=1e5;
     /// Samples from output to output.
     pub const PERIOD: RangeInclusive<u32> = 1..=1000;
-    /// Wall stiffness K, N/m.
+    /// Wall stiffness K, in N/m.
     pub const STIFFNESS_N_PER_M: RangeInclusive<f64> = 0.0..=1e7;
-    /// Wall damping B, N s/m.
+    /// Wall damping B, in N s/m.
     pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e4;
     /// Samples before the window of a hit, and samples in the window.
     pub const PHASE_SAMPLES: RangeInclusive<u32> = 1..=1 << 24;

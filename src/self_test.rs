@@ -183,7 +183,7 @@ pub const EDGES: u32 = 2000;
 const WATCHDOG_US: core::ops::RangeInclusive<u32> =
     OUTPUT_WATCHDOG_US - OUTPUT_WATCHDOG_US / 25..=OUTPUT_WATCHDOG_US + OUTPUT_WATCHDOG_US / 25;
 
-/// Frequency of the watchdog's oscillator that the data sheets allow, Hz.
+/// Frequency of the watchdog's oscillator that the data sheets allow, in Hz.
 const OSCILLATOR_HZ: core::ops::RangeInclusive<u32> = 17_000..=47_000;
 
 /// Number of edges per second that the processor can surely make. Wait states of the flash may take half of its time.

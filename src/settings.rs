@@ -29,7 +29,7 @@ pub struct Settings {
 pub struct WallSettings {
     /// Position of the wall's surface, in m. It is rounded to the nearest count. The encoder's count 0 is at 0 m.
     pub position_m: f64,
-    /// Stiffness K of the wall, N/m.
+    /// Stiffness K of the wall, in N/m.
     pub stiffness_n_per_m: f64,
     /// Damping B of the wall, in N s/m. It acts only inside the wall.
     pub damping_n_s_per_m: f64,

@@ -93,7 +93,7 @@ impl Flags {
 pub struct Record {
     /// Index of the output's sample.
     pub sample: u64,
-    /// Position of the handle, counts.
+    /// Position of the handle, in counts.
     pub position: Position,
     /// Velocity as the estimator finds it, in 2^-16 counts per sample.
     pub velocity: Velocity,
@@ -124,7 +124,7 @@ impl Frame {
     pub const MAGIC: [u8; 2] = *b"ZW";
     /// Version of the layout with one output. It is the third byte of a frame.
     pub const VERSION: u8 = 1;
-    /// Length of a frame of layout 1, bytes.
+    /// Length of a frame of layout 1, in bytes.
     pub const LEN: usize = 40;
     /// Version of the layout with several outputs.
     pub const VERSION_2: u8 = 2;

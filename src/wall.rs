@@ -19,7 +19,7 @@ pub struct Wall {
 }
 
 impl Wall {
-    /// Position of the surface, counts.
+    /// Position of the surface, in counts.
     #[inline]
     pub fn surface(&self) -> Position {
         self.surface

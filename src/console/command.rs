@@ -27,13 +27,13 @@ pub enum Command {
     Arm,
     /// Switch the force off.
     Disarm,
-    /// Stiffness K of the wall, N/m.
+    /// Stiffness K of the wall, in N/m.
     Stiffness(f64),
-    /// Damping B, N s/m.
+    /// Damping B, in N s/m.
     Damping(f64),
-    /// Surface of the wall, m.
+    /// Surface of the wall, in m.
     Wall(f64),
-    /// Cutoff of the velocity filter, Hz.
+    /// Cutoff of the velocity filter, in Hz.
     Cutoff(f64),
     /// The estimator's tuning, in its own unit: see [`EstimatorName::parameters`].
     Tuning(f64),
@@ -52,7 +52,7 @@ pub enum Command {
     Push(f64),
     /// Run a wall hit.
     Hit,
-    /// Run a pulse train with this force, N.
+    /// Run a pulse train with this force, in N.
     Pulses(f64),
     /// Walk along the boundary.
     Walk,
@@ -70,17 +70,17 @@ pub enum Command {
     Faults,
     /// Clear the latched fault, if its cause is gone.
     Clear,
-    /// Hold a constant force for calibration, percent of full scale.
+    /// Hold a constant force for calibration, in percent of full scale.
     Calibrate(f64),
     /// The force at full command, N, from a calibration.
     FullScale(f64),
-    /// Start of hits, m.
+    /// Start of hits, in m.
     Start(f64),
     /// Time before a hit is judged, s.
     Settle(f64),
     /// Time over which a hit is judged, s.
     Window(f64),
-    /// Limit of a stable hit's RMS, m.
+    /// Limit of a stable hit's RMS, in m.
     RmsLimit(f64),
     /// Criterion of a stable hit.
     Criterion(Criterion),
@@ -103,17 +103,17 @@ pub enum Command {
 /// A value of the walk's grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GridValue {
-    /// First K of the walk, N/m.
+    /// First K of the walk, in N/m.
     StiffnessStart,
-    /// Step of K, N/m.
+    /// Step of K, in N/m.
     StiffnessStep,
-    /// Largest K of the walk, N/m.
+    /// Largest K of the walk, in N/m.
     StiffnessMax,
-    /// First B, N s/m.
+    /// First B, in N s/m.
     DampingStart,
-    /// Step of B, N s/m.
+    /// Step of B, in N s/m.
     DampingStep,
-    /// Largest B, N s/m.
+    /// Largest B, in N s/m.
     DampingMax,
 }
 

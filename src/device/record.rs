@@ -54,7 +54,7 @@ use crate::{
 pub const WORDS_MAX: usize = 4096;
 /// Version of the layout.
 pub const LAYOUT: u8 = 4;
-/// Offset of the board's name, bytes.
+/// Offset of the board's name, in bytes.
 pub const BOARD_AT: usize = 12;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"ZWD\0");
@@ -82,7 +82,7 @@ const _: () = assert!(PARAMETERS == KEPT);
 pub struct BoardFacts {
     /// Name of the board.
     pub name: &'static str,
-    /// Samples per second, Hz.
+    /// Samples per second, in Hz.
     pub rate_hz: f64,
     /// Kind of the board's force output.
     pub output: Output,
@@ -137,7 +137,7 @@ impl From<SettingsError> for BadRecord {
     }
 }
 
-/// Length of the shortest record, words.
+/// Length of the shortest record, in words.
 pub const WORDS_MIN: usize = BEFORE_TABLES + 1;
 
 /// Checks a record. Returns its fixed words, the words of its tables, and its hash.

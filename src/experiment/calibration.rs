@@ -18,17 +18,17 @@ use crate::{
 pub struct CalibrationSettings {
     /// Target force, in percent of full scale. The range is -30 to 30.
     pub percent: f64,
-    /// Rise of the force, percent of full scale per second.
+    /// Rise of the force, in percent of full scale per second.
     pub rise_percent_per_s: f64,
-    /// Time to hold the force, s.
+    /// Time to hold the force, in s.
     pub hold_s: f64,
-    /// Distance after which the handle counts as moved, m. The distance is measured from the position of the first
+    /// Distance after which the handle counts as moved, in m. The distance is measured from the position of the first
     /// output.
     pub travel_m: f64,
 }
 
 impl CalibrationSettings {
-    /// Allowed forces, percent of full scale.
+    /// Allowed forces, in percent of full scale.
     pub const PERCENT: core::ops::RangeInclusive<f64> = -30.0..=30.0;
 
     /// Checks and converts the settings.
@@ -66,15 +66,15 @@ const LONGEST_S: f64 = 120.0;
 /// The calibration in integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CalibrationPlan {
-    /// Force to reach, LSB of [`Force`].
+    /// Force to reach, in LSB of [`Force`].
     target: i32,
-    /// Change of the force per output, LSB of [`Force`].
+    /// Change of the force per output, in LSB of [`Force`].
     step: i32,
-    /// Time to hold the force, outputs.
+    /// Time to hold the force, in outputs.
     hold: u32,
-    /// Longest time of the whole calibration, outputs.
+    /// Longest time of the whole calibration, in outputs.
     longest: u32,
-    /// Travel that ends the calibration, counts.
+    /// Travel that ends the calibration, in counts.
     travel: u32,
 }
 

@@ -13,7 +13,7 @@ use crate::{
 /// The wall-hit experiment in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitSettings {
-    /// Constant push of the hit, N.
+    /// Constant push of the hit, in N.
     pub push_n: f64,
     /// Time before the hit is judged, s.
     pub settle_s: f64,

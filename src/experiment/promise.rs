@@ -17,7 +17,7 @@ pub struct Promise {
 impl Promise {
     /// The shortest time of a promise, in ms. It is longer than the task `link` may need for a line.
     const LEAST_MS: f64 = 20.0;
-    /// Longest time of a promise, ms.
+    /// Longest time of a promise, in ms.
     const MOST_MS: f64 = 10_000.0;
 
     /// The promise that `alive` comes again within `ms` milliseconds. With 0 there is no promise.

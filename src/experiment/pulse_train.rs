@@ -21,19 +21,19 @@ use crate::{
     units::{Force, Position},
 };
 
-/// Length of the first two pulses, s.
+/// Length of the first two pulses, in s.
 pub const SHORT_S: f64 = 0.05;
-/// Length of the last two pulses, s.
+/// Length of the last two pulses, in s.
 pub const LONG_S: f64 = 0.2;
 /// Factor by which the last two pulses are weaker.
 pub const WEAKER: f64 = 4.0;
-/// Time without a force after each pulse, s.
+/// Time without a force after each pulse, in s.
 pub const REST_S: f64 = 3.0;
 /// Number of pulses in a train.
 pub const PULSES: usize = 4;
 /// Push of each pulse, as a part of the force of the train.
 pub const PARTS: [f64; PULSES] = [1.0, -1.0, 1.0 / WEAKER, -1.0 / WEAKER];
-/// Length of each pulse, s.
+/// Length of each pulse, in s.
 pub const LENGTHS_S: [f64; PULSES] = [SHORT_S, SHORT_S, LONG_S, LONG_S];
 
 /// A pulse train in integer form.

@@ -33,7 +33,7 @@ pub const PUSH_MAX: f64 = PUSHES[3];
 /// Smallest difference of two forces that people feel, as a share of the force (Weber fraction; Jones, Percept.
 /// Psychophys. 45, 1989). The RMS of the force must be below this share of the push, unless another limit is set.
 pub const FORCE_SHARE: f64 = 0.07;
-/// Smallest limit of the RMS of the motion, m.
+/// Smallest limit of the RMS of the motion, in m.
 const REST_M: f64 = 1e-6;
 /// [`QuietWindow::stands`] allows this relative error of the penetration, or one count if that is more.
 const STANDS: f64 = 0.1;
@@ -46,14 +46,14 @@ pub fn rms_limit_m(resolution_m: f64) -> f64 {
 /// Force and wall over the window of a hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuietWindow {
-    /// RMS of the force about its mean, N.
+    /// RMS of the force about its mean, in N.
     pub force_rms_n: f64,
-    /// Mean force of the wall, N.
+    /// Mean force of the wall, in N.
     pub wall_force_n: f64,
     /// K times the mean penetration, divided by `wall_force_n`. It is 1 if the spring carries the whole load, and
     /// `None` if `wall_force_n` is 0.
     pub penetration_ratio: Option<f64>,
-    /// K times one count, N.
+    /// K times one count, in N.
     pub count_n: f64,
 }
 

@@ -31,7 +31,7 @@ use crate::{
 /// Time over which the speed is measured, in milliseconds. If outputs are more than 1 ms apart, it is this number of
 /// outputs.
 const SPAN: usize = 8;
-/// Time for which the handle must rest at the start, s.
+/// Time for which the handle must rest at the start, in s.
 const REST_S: f64 = 0.02;
 /// Fractional bits of the reference r, which moves to the start.
 const FRACTION: u32 = 16;
@@ -39,19 +39,19 @@ const FRACTION: u32 = 16;
 /// Settings of the return move, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReturnSettings {
-    /// Start of a hit, m.
+    /// Start of a hit, in m.
     pub start_m: f64,
     /// Speed of the reference, m/s: 0.001 to 1.
     pub speed_m_per_s: f64,
     /// Largest force, N: up to half of full scale.
     pub force_n: f64,
-    /// Stiffness of the soft spring, N/m.
+    /// Stiffness of the soft spring, in N/m.
     pub stiffness_n_per_m: f64,
-    /// Damping of the return, N s/m.
+    /// Damping of the return, in N s/m.
     pub damping_n_s_per_m: f64,
-    /// Integral gain, N/(m s).
+    /// Integral gain, in N/(m s).
     pub integral_n_per_m_s: f64,
-    /// Largest distance from the start that counts as arrived, m.
+    /// Largest distance from the start that counts as arrived, in m.
     pub tolerance_m: f64,
     /// Longest time of the return, s: 0.1 to 60.
     pub timeout_s: f64,
@@ -63,7 +63,7 @@ pub struct ReturnPlan {
     start: Position,
     /// Step of the reference r at each output, in counts with 16 fractional bits.
     step: i64,
-    /// Largest distance of the reference from the handle, counts.
+    /// Largest distance of the reference from the handle, in counts.
     lead: i32,
     limit: i64,
     /// Force in LSB per count of e.

@@ -13,15 +13,15 @@ use crate::{SettingsError, limits, range::within};
 /// Grid of a walk, in SI units. It has the first, the step and the largest value of K and B.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WalkSettings {
-    /// First K, N/m. It must be stable together with the first B.
+    /// First K, in N/m. It must be stable together with the first B.
     pub stiffness_start_n_per_m: f64,
-    /// Step of K, N/m.
+    /// Step of K, in N/m.
     pub stiffness_step_n_per_m: f64,
     /// Largest K that is tried, N/m.
     pub stiffness_max_n_per_m: f64,
-    /// First B, N s/m.
+    /// First B, in N s/m.
     pub damping_start_n_s_per_m: f64,
-    /// Step of B, N s/m.
+    /// Step of B, in N s/m.
     pub damping_step_n_s_per_m: f64,
     /// Largest B that is tried, N s/m.
     pub damping_max_n_s_per_m: f64,
@@ -62,12 +62,12 @@ impl WalkSettings {
         Ok(())
     }
 
-    /// K of a cell, N/m.
+    /// K of a cell, in N/m.
     pub fn stiffness_n_per_m(&self, cell: Cell) -> f64 {
         self.stiffness_start_n_per_m + f64::from(cell.stiffness) * self.stiffness_step_n_per_m
     }
 
-    /// B of a cell, N s/m.
+    /// B of a cell, in N s/m.
     pub fn damping_n_s_per_m(&self, cell: Cell) -> f64 {
         self.damping_start_n_s_per_m + f64::from(cell.damping) * self.damping_step_n_s_per_m
     }
@@ -275,9 +275,9 @@ pub struct WalkTotals {
     pub points: u32,
     /// Sum of K dB over the points, N^2 s/m^2.
     pub area: f64,
-    /// Largest K of the points, N/m.
+    /// Largest K of the points, in N/m.
     pub stiffness_peak_n_per_m: f64,
-    /// Largest B of the points, N s/m.
+    /// Largest B of the points, in N s/m.
     pub damping_max_n_s_per_m: f64,
 }
 

@@ -28,12 +28,12 @@ pub(super) const HEAVIEST_BITS: u32 = 32;
 /// Largest change of the heaviest handle's speed at full scale. It is 2^14 counts per output, so that the product with
 /// a force does not overflow.
 const YIELDS_MAX: u64 = 1 << 46;
-/// Longest duration of the sign test, s.
+/// Longest duration of the sign test, in s.
 pub(super) const SIGN_TEST_S: f64 = 0.1;
 /// Time, in s, after which the task `render` counts as stuck if no output comes.
 const STUCK_S: f64 = 0.01;
 
-/// Longest output period, s. The sign test needs several outputs.
+/// Longest output period, in s. The sign test needs several outputs.
 const RENDER_PERIOD_MAX_S: f64 = 0.0125;
 
 /// What is believable and what is allowed for a device, in SI units.
@@ -67,15 +67,15 @@ pub struct SafetySettings {
 }
 
 impl SafetySettings {
-    /// Allowed times of the ramp, s. The lower end keeps the ramp below 5 % per output at 1 kHz.
+    /// Allowed times of the ramp, in s. The lower end keeps the ramp below 5 % per output at 1 kHz.
     pub const RAMP_IN_S: RangeInclusive<f64> = 0.02..=10.0;
     /// Allowed forces of the sign test, fraction of full scale.
     pub const SIGN_TEST_FORCE: RangeInclusive<f64> = 0.001..=0.05;
-    /// Allowed thresholds of the sign test, counts.
+    /// Allowed thresholds of the sign test, in counts.
     pub const SIGN_TEST_COUNTS: RangeInclusive<f64> = 10.0..=1_048_576.0;
-    /// Allowed masses of the heaviest handle, kg.
+    /// Allowed masses of the heaviest handle, in kg.
     pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-9..=1e6;
-    /// Allowed dampings of the heaviest handle, N s/m.
+    /// Allowed dampings of the heaviest handle, in N s/m.
     pub const HEAVIEST_DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e6;
 
     /// Checks the limits, and converts them to counts, samples and outputs.
@@ -217,9 +217,9 @@ impl SafetyPlan {
 pub struct SafetyPlan {
     /// Samples from one output to the next.
     pub(super) period: u32,
-    /// Largest believable move in one sample, counts.
+    /// Largest believable move in one sample, in counts.
     pub(super) jump: u32,
-    /// Largest allowed speed, LSB of [`Velocity`].
+    /// Largest allowed speed, in LSB of [`Velocity`].
     pub(super) speed: u32,
     /// Number of samples without an output after which the task `render` counts as stuck.
     pub(super) stuck: u32,
@@ -227,9 +227,9 @@ pub struct SafetyPlan {
     pub(super) slew: i32,
     /// Outputs in a millisecond, at least one.
     pub(super) per_ms: u32,
-    /// Largest allowed move in `per_ms` outputs, counts. One count for quantisation is included.
+    /// Largest allowed move in `per_ms` outputs, in counts. One count for quantisation is included.
     pub(super) moved: u32,
-    /// Lowest and highest position with force, counts.
+    /// Lowest and highest position with force, in counts.
     pub(super) travel: [i32; 2],
     /// Outputs over which the force rises.
     pub(super) ramp_renders: u32,
@@ -238,7 +238,7 @@ pub struct SafetyPlan {
     /// Outputs of one of the four parts of the sign test.
     pub(super) sign_quarter: u32,
     pub(super) sign_force: Force,
-    /// Motion that the sign test needs, counts.
+    /// Motion that the sign test needs, in counts.
     pub(super) sign_counts: i32,
     /// The largest number of outputs for which a push may cause no motion.
     pub(super) push_renders: u32,

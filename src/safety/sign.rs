@@ -82,7 +82,7 @@ mod tests {
     struct Handle {
         position_m: f64,
         velocity_m_per_s: f64,
-        /// Steady force from outside, N.
+        /// Steady force from outside, in N.
         load_n: f64,
         /// The sign of the motor times the sign of the encoder. With 0 the handle cannot move.
         sign: f64,

@@ -15,17 +15,17 @@ pub struct Stored {
     pub settings: Settings,
     /// Samples from output to output.
     pub period: u32,
-    /// Push of the experiments, N.
+    /// Push of the experiments, in N.
     pub push_n: f64,
     /// Directions of motor and encoder.
     pub signs: Signs,
-    /// Start of hits, m.
+    /// Start of hits, in m.
     pub start_m: f64,
     /// Time before a hit is judged, s.
     pub settle_s: f64,
     /// Time over which a hit is judged, s.
     pub window_s: f64,
-    /// Limit of a stable hit's RMS, m.
+    /// Limit of a stable hit's RMS, in m.
     pub rms_limit_m: f64,
     /// Criterion of a stable hit.
     pub criterion: Criterion,

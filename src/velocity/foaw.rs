@@ -64,9 +64,9 @@ impl Bound {
 }
 
 impl Foaw {
-    /// Longest accepted window, samples.
+    /// Longest accepted window, in samples.
     pub const WINDOW_MAX: u32 = 32;
-    /// Largest accepted noise, counts.
+    /// Largest accepted noise, in counts.
     pub const NOISE_MAX: f64 = 1000.0;
 
     /// Steps of the noise per count.
@@ -74,7 +74,7 @@ impl Foaw {
     /// A bound that no slope reaches, in steps of the noise.
     pub const FREE: i32 = FREE;
 
-    /// Length of the longest window, samples.
+    /// Length of the longest window, in samples.
     pub const fn window_samples(&self) -> u8 {
         self.window
     }

@@ -132,9 +132,9 @@ pub struct Kalman<G = Gain> {
 pub struct KalmanState<W: Word = i64> {
     /// Position minus the count, in LSB of 2^-32 counts.
     pub distance: W,
-    /// Velocity, 2^-32 counts per sample.
+    /// Velocity, in 2^-32 counts per sample.
     pub velocity: W,
-    /// Acceleration, 2^-44 counts per sample^2.
+    /// Acceleration, in 2^-44 counts per sample^2.
     pub acceleration: W,
     /// The part that was dropped when the last output was rounded.
     pub residue: W::Fraction,

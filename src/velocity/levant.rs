@@ -54,7 +54,7 @@ pub struct LevantDesign {
     pub lambda: f64,
 }
 
-/// Smallest and largest accepted C, counts per sample^2.
+/// Smallest and largest accepted C, in counts per sample^2.
 const C: [f64; 2] = [1e-6, 1e4];
 
 #[expect(clippy::float_arithmetic, reason = "design time: settings to coefficients")]

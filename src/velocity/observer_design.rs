@@ -21,7 +21,7 @@ use crate::{
 pub const OBSERVER_MIN: f64 = 1e-3;
 /// Highest accepted bandwidth or crossover, as a fraction of the sample rate.
 pub const OBSERVER_MAX: f64 = 0.2;
-/// Accepted masses of the observer's model, kg.
+/// Accepted masses of the observer's model, in kg.
 pub const MASS_KG: core::ops::RangeInclusive<f64> = 1e-3..=100.0;
 
 /// Gains of an observer in floating point.

@@ -224,7 +224,7 @@ estimators! {
                 frequency_hz: f64 = ("frequency", "Hz", 700.0),
                 /// Damping ratio of the first section's poles, 0.02 to 4.
                 damping: f64 = ("damping", "1", 0.5),
-                /// Lead of a slow motion in the first section, s. The range follows from the other parameters.
+                /// Lead of a slow motion in the first section, in s. The range follows from the other parameters.
                 lead_s: f64 = ("lead", "s", 0.0),
                 /// Position of the first section's second zero in the z plane, -1 to 0.98.
                 zero: f64 = ("zero", "1", 0.0),
@@ -232,7 +232,7 @@ estimators! {
                 second_ratio: f64 = ("second_ratio", "1", 1.0),
                 /// Damping ratio of the second section's poles, 0.02 to 4.
                 second_damping: f64 = ("second_damping", "1", 1.0),
-                /// Lead of a slow motion in the second section, s.
+                /// Lead of a slow motion in the second section, in s.
                 second_lead_s: f64 = ("second_lead", "s", 0.0),
                 /// Position of the second section's second zero in the z plane, -1 to 0.98.
                 second_zero: f64 = ("second_zero", "1", 0.0),

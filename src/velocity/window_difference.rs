@@ -20,7 +20,7 @@ use crate::{
     units::Velocity,
 };
 
-/// Longest accepted window, samples.
+/// Longest accepted window, in samples.
 pub const DIFFERENCE_WINDOW_MAX: u8 = 255;
 
 const LENGTH: usize = 256;

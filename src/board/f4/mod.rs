@@ -45,7 +45,7 @@ use super::super::{common::rtt, off};
 /// Values and parts that differ from board to board.
 pub trait Wiring: Sized {
     const NAME: &'static str;
-    /// Core clock, Hz. The timers of APB1 run at half of it.
+    /// Core clock, in Hz. The timers of APB1 run at half of it.
     const CORE_HZ: u32;
     /// Level of the supply detector (PLS, three bits). The flash must still work at this voltage.
     const SUPPLY_LEVEL: u8;

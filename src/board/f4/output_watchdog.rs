@@ -32,7 +32,7 @@ use super::enable;
 /// The word that DMA2 stores. It is in RAM, which DMA2 reaches on all these chips. Nothing writes it.
 static OFF: AtomicU32 = AtomicU32::new(enable::OFF);
 
-/// The timer's clock after its prescaler, Hz.
+/// The timer's clock after its prescaler, in Hz.
 const TICK_HZ: u32 = 1_000_000;
 const _: () = assert!(OUTPUT_WATCHDOG_US < 1 << 16, "TIM8 has 16 bits");
 

@@ -16,7 +16,7 @@ use words::Rows;
 /// The stable stiffnesses at one damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Damping B of these walls, N s/m.
+    /// Damping B of these walls, in N s/m.
     pub damping_n_s_per_m: f64,
     /// The lowest stable K, in N/m. It is 0 if the softest wall of the study is stable.
     pub stiffness_low_n_per_m: f64,
@@ -29,7 +29,7 @@ pub struct Point {
 pub struct Key {
     /// Estimator of the boundary.
     pub estimator: EstimatorName,
-    /// Nominal cutoff of the estimator, Hz.
+    /// Nominal cutoff of the estimator, in Hz.
     pub cutoff_hz: f64,
     /// Samples from output to output.
     pub period: u32,
