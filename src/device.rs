@@ -53,7 +53,7 @@ pub struct Device<'a> {
     pub duty: DutySettings,
     /// Scale of the voltage with which the amplifier reports its current.
     pub current: CurrentSettings,
-    /// Distance of the handle from the axis of a rotary device, in m. 0: the handle moves straight.
+    /// Distance of the handle from the axis of a rotary device, in m. It is 0 if the handle moves straight.
     pub radius_m: f64,
     /// The return move to the start of a hit. Its `start_m` is only a default: the start that is used comes from the
     /// stored settings.

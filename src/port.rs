@@ -25,7 +25,7 @@ use crate::units::Position;
 /// The energy account of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortEnergy {
-    /// Force of the wall that acts, in LSB of force.
+    /// The wall's force that acts at present, in LSB of force.
     wall: i64,
     /// Whether the output of this force was in contact.
     contact: bool,
@@ -75,7 +75,7 @@ impl PortEnergy {
         self.at = position;
     }
 
-    /// Force of the wall that acts, in LSB of force.
+    /// The wall's force that acts at present, in LSB of force.
     #[inline]
     pub const fn wall(&self) -> i64 {
         self.wall

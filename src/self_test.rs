@@ -135,11 +135,11 @@ pub enum Found {
     Enable {
         /// Whether the emergency stop was closed.
         stop_closed: bool,
-        /// Level with the main output off.
+        /// Whether the pin was high with the main output off.
         off: bool,
-        /// Level with the main output on, for a few cycles at zero force.
+        /// Whether the pin was high with the main output on. It is on for a few cycles, at zero force.
         on: bool,
-        /// Level with the main output off again.
+        /// Whether the pin was high when the main output was off again.
         after: bool,
     },
     /// How soon hardware switches enable off when no outputs come. The test runs at zero force.
@@ -158,7 +158,7 @@ pub enum Found {
     },
     /// Edges that the board gave to its counter by two wires, forwards and back.
     Encoder {
-        /// Edges given on each way.
+        /// Number of edges that the board gave forwards, and again back.
         sent: u32,
         /// Counts after the edges forwards.
         there: i32,
@@ -176,7 +176,7 @@ pub enum Found {
     Clock(u32),
 }
 
-/// Edges given on each way.
+/// Number of edges that the board gives forwards, and again back.
 pub const EDGES: u32 = 2000;
 
 /// Time after which the output watchdog must act, in us.

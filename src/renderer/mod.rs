@@ -39,7 +39,7 @@ pub struct Renderer<const N: usize> {
     supervisor: Supervisor,
     parameters: LoopParameters,
     gains: Doubled<Gains>,
-    /// Number of changes of the settings; wraps.
+    /// Number of times that the settings have changed. It wraps.
     settings: u16,
     motor_reversed: Doubled<bool>,
     experiments: Experiments,

@@ -39,13 +39,13 @@ impl State {
 /// Facts about board and settings at an output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Inputs {
-    /// The emergency stop is closed, so force is possible.
+    /// Whether the emergency stop is closed, so that force is possible.
     pub stop_closed: bool,
-    /// The supply is above the limit of the voltage detector.
+    /// Whether the supply is above the limit of the voltage detector.
     pub supply_good: bool,
-    /// The settings in force were accepted, and their gains are inside the envelope, or the envelope is unlocked.
+    /// Whether the settings in force were accepted. Their gains are inside the envelope, or the envelope is unlocked.
     pub settings_valid: bool,
-    /// A debugger halted the processor since the last output.
+    /// Whether a debugger halted the processor since the last output.
     pub halted: bool,
     /// Faults that the board found in itself.
     pub found: FaultSet,
@@ -54,17 +54,17 @@ pub struct Inputs {
 /// Facts that a board senses at an output, see [`contract::sense`](crate::contract::sense).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sensed {
-    /// The task `render` has switched the amplifier on, and has not switched it off since.
+    /// Whether the task `render` has switched the amplifier on, and has not switched it off since.
     pub switched_on: bool,
-    /// A debugger halted the processor since the last output.
+    /// Whether a debugger halted the processor since the last output.
     pub halted: bool,
-    /// The emergency stop was open at some time since the amplifier was switched on.
+    /// Whether the emergency stop was open at some time since the amplifier was switched on.
     pub was_stopped: bool,
-    /// The emergency stop is closed now.
+    /// Whether the emergency stop is closed now.
     pub stop_closed: bool,
-    /// The supply is above the limit of the voltage detector.
+    /// Whether the supply is above the limit of the voltage detector.
     pub supply_good: bool,
-    /// The amplifier is enabled. Read this before the inputs that may switch it off.
+    /// Whether the amplifier is enabled. Read this before the inputs that may switch it off.
     pub enabled: bool,
     /// Faults that the board found in itself. Enable is off then.
     pub found: FaultSet,
@@ -186,11 +186,11 @@ pub struct Status {
     pub causes: FaultSet,
     /// Causes that are present now.
     pub present: FaultSet,
-    /// The count was zeroed, and the zero was not lost since then.
+    /// Whether the count was zeroed and the zero was not lost since then.
     pub zeroed: bool,
-    /// Gains beyond the envelope are allowed.
+    /// Whether gains beyond the envelope are allowed.
     pub unlocked: bool,
-    /// The handle is inside the wall.
+    /// Whether the handle is inside the wall.
     pub contact: bool,
     /// The inputs of the last output.
     pub inputs: Inputs,

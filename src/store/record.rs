@@ -111,9 +111,9 @@ impl Name {
 /// Directions in which motor and encoder are mounted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Signs {
-    /// A positive command pushes out of the wall.
+    /// Whether a positive command pushes out of the wall.
     pub motor_reversed: bool,
-    /// The count falls when the handle moves into the wall.
+    /// Whether the count falls when the handle moves into the wall.
     pub encoder_reversed: bool,
 }
 

@@ -93,7 +93,7 @@ pub struct Render {
     /// Faults that were found after the last checked output. `checked` is the number of this output's sample.
     found: FaultSet,
     checked: u32,
-    /// Says whether the last alternate check was the check of the numbers, or that of the registers.
+    /// Numbers and registers are checked alternately. Whether the last check was that of the numbers.
     numbers_next: bool,
     /// The code that the last output has written, or `None` if the output was off.
     written: Option<Written>,

@@ -90,7 +90,7 @@ pub struct Console<P> {
     over: Option<JudgedHit>,
     /// A series of hits that ended because nobody reads the lines. Its end is not reported yet.
     unread: Option<HitSeries>,
-    /// A walk has just ended, and its last wall is in force instead of the stored wall.
+    /// Whether a walk has just ended, so that its last wall is still in force instead of the stored wall.
     restore_wall: bool,
     /// Whether a series of hits is running, up to the order that restores the stored wall. Only during a series does
     /// the console give orders by itself. The flag is stored twice, so that one flipped bit cannot begin a series.
