@@ -14,7 +14,7 @@ use crate::{
 /// The kind of hardware that takes the force command, and its resolution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
-    /// No quantisation: the simulator's ideal output. The code is the force in LSB of 2^-30.
+    /// The simulator's ideal output, without quantisation. The code is the force in LSB of 2^-30.
     Continuous,
     /// A DAC with offset binary codes `0 ..= 2^bits - 1`. Zero force is at `2^(bits-1)`. Full scale is `2^(bits-1) - 1`
     /// codes away from zero force, on both sides.

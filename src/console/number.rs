@@ -94,7 +94,7 @@ fn integer(text: &[u8]) -> Option<i32> {
     })
 }
 
-/// A number for a reply: 12 significant digits, without trailing zeros.
+/// A number as a reply prints it. It has up to 12 significant digits, without trailing zeros.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decimal(pub f64);
 

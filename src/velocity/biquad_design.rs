@@ -270,7 +270,8 @@ mod tests {
             };
             assert!((a1 + sum).abs() < 1e-12, "{a1} {sum}");
             assert!((b0 * zero * zero + b1 * zero + b2).abs() < 1e-12);
-            // d/dq of ln N and ln A at q = z^-1 = 1, and half a sample of the difference
+            // The delay follows from the derivatives of ln N and ln A at z^-1 = 1, plus half a sample of the
+            // difference.
             let s = b0 + b1 + b2;
             let delay = 0.5 + ((b1 + 2.0 * b2) - (a1 + 2.0 * a2)) / s;
             assert!((delay / RATE_HZ + lead_s).abs() < 1e-12, "{delay}");

@@ -50,7 +50,7 @@ use crate::{
 pub struct LevantDesign {
     /// Magnitude of the sign term, in counts per sample^2.
     pub alpha: f64,
-    /// Factor of the root term, sqrt(counts) per sample.
+    /// Factor of the root term, in sqrt(counts) per sample.
     pub lambda: f64,
 }
 
@@ -92,7 +92,7 @@ impl LevantDesign {
 }
 
 const FRACTION_BITS: u32 = 32;
-/// Largest distance from the count, LSB of 2^-32 counts.
+/// Largest distance from the count, in LSB of 2^-32 counts.
 const DISTANCE_MAX: i64 = 1 << (24 + FRACTION_BITS);
 /// Largest velocity of the state. It is twice the largest velocity of the output.
 const VELOCITY_MAX: i64 = 1 << (16 + FRACTION_BITS);
@@ -137,7 +137,7 @@ impl Form for Levant {
 }
 
 impl Levant {
-    /// Factor of the root term, sqrt(counts) per sample.
+    /// Factor of the root term, in sqrt(counts) per sample.
     pub const fn lambda(&self) -> Gain {
         self.lambda
     }

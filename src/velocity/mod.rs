@@ -277,8 +277,8 @@ impl Tuned {
         self.estimator.follow_as(self.tuning, running, difference, senses)
     }
 
-    /// Does [`follow`](Self::follow) for several samples, one for each place in the velocities. `moved` returns the
-    /// counts of a reading. Returns the last velocity.
+    /// Does [`follow`](Self::follow) for several samples, and writes a velocity for each. `moved` returns the counts of
+    /// a reading. Returns the last velocity.
     #[inline]
     pub(crate) fn follow_all(
         &self,

@@ -25,7 +25,7 @@ estimators! {
             /// Like `butterworth`, but pre-warped, so that the -3 dB frequency of the digital filter is exactly the
             /// cutoff.
             ButterworthPrewarped = 2, "butterworth-prewarped" {
-                /// Cutoff in Hz: 3.5e-5 to 0.38 of the rate.
+                /// Cutoff in Hz. The range is 3.5e-5 to 0.38 of the sample rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
             } => |design| LowPass(Biquad::low_pass(2, cutoff_hz, design.rate_hz, true)?);
             /// Finite difference followed by a first-order low-pass.
@@ -36,7 +36,7 @@ estimators! {
             /// Like `first-order`, but pre-warped, so that the -3 dB frequency of the digital filter is exactly the
             /// cutoff.
             FirstOrderPrewarped = 5, "first-order-prewarped" {
-                /// Cutoff in Hz: 3.5e-5 to 0.38 of the rate.
+                /// Cutoff in Hz. The range is 3.5e-5 to 0.38 of the sample rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
             } => |design| LowPass(Biquad::low_pass(1, cutoff_hz, design.rate_hz, true)?);
         }
@@ -47,7 +47,7 @@ estimators! {
             Difference(Difference) keeps nothing;
         }
         names {
-            /// Finite difference: the counts since the last sample.
+            /// Finite difference. The velocity is the number of counts since the last sample.
             Difference = 3, "difference" {} => |_| Difference(Difference);
         }
     }
@@ -67,19 +67,19 @@ estimators! {
                 weights FirDesign::taylor(3)?;
             /// Derivative of the straight line that fits the last samples best.
             LeastSquares1 = 8, "least-squares-1" {
-                /// Samples between the oldest and the newest of the fit, 1 to 64.
+                /// Length of the fit, from its oldest to its newest sample. The range is 1 to 64 samples.
                 window_samples: u32 = ("window", "samples", 16.0),
             } => |_| Fir(FirDesign::least_squares(1, window_samples)?.quantise()),
                 weights FirDesign::least_squares(1, window_samples)?;
             /// Derivative of the parabola that fits the last samples best.
             LeastSquares2 = 9, "least-squares-2" {
-                /// Samples between the oldest and the newest of the fit, 2 to 64.
+                /// Length of the fit, from its oldest to its newest sample. The range is 2 to 64 samples.
                 window_samples: u32 = ("window", "samples", 16.0),
             } => |_| Fir(FirDesign::least_squares(2, window_samples)?.quantise()),
                 weights FirDesign::least_squares(2, window_samples)?;
             /// Tracking loop (phase-locked loop), critically damped.
             TrackingLoop = 30, "tracking-loop" {
-                /// Frequency of the two poles, Hz: 3.5e-5 to 0.25 of the rate.
+                /// Frequency of the two poles, in Hz. The range is 3.5e-5 to 0.25 of the sample rate.
                 bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
             } => |design| LowPass(TrackingLoop::new(bandwidth_hz, design.rate_hz)?.quantise());
             /// Extended-state observer that knows the force.
@@ -133,32 +133,32 @@ estimators! {
             /// First-order adaptive windowing. The velocity is the slope through both ends of the longest window whose
             /// samples lie on a line within the noise.
             FoawEnd = 10, "foaw-end" {
-                /// Longest window: samples from its oldest to its newest, 1 to 32.
+                /// Length of the longest window, from its oldest to its newest sample. The range is 1 to 32 samples.
                 window_samples: u32 = ("window", "samples", 16.0),
-                /// Largest distance of a sample from the line, counts, 0 to 1000; rounded to 1/16.
+                /// Largest distance of a sample from the line, in counts. The range is 0 to 1000, in steps of 1/16.
                 noise_counts: f64 = ("noise", "counts", 1.0),
             } => |_| Foaw(Foaw::new(false, window_samples, noise_counts)?);
             /// First-order adaptive windowing. The velocity is the window's least-squares slope.
             FoawBest = 11, "foaw-best" {
-                /// Longest window: samples from its oldest to its newest, 1 to 32.
+                /// Length of the longest window, from its oldest to its newest sample. The range is 1 to 32 samples.
                 window_samples: u32 = ("window", "samples", 16.0),
-                /// Largest distance of a sample from the line, counts, 0 to 1000; rounded to 1/16.
+                /// Largest distance of a sample from the line, in counts. The range is 0 to 1000, in steps of 1/16.
                 noise_counts: f64 = ("noise", "counts", 1.0),
             } => |_| Foaw(Foaw::new(true, window_samples, noise_counts)?);
             /// Levant's robust exact differentiator, discretised by the explicit Euler method.
             LevantExplicit = 12, "levant-explicit" {
-                /// Largest acceleration C of the handle, m/s^2: 1e-6 to 1e4 counts per sample^2.
+                /// Largest acceleration C of the handle, in m/s^2. It must lie in 1e-6 to 1e4 counts per sample^2.
                 acceleration_max_m_per_s2: f64 = ("acceleration_max", "m/s^2", 20.0),
-                /// Gain of the square root, divided by sqrt(C), 0.5 to 3.
+                /// Gain of the square root, divided by sqrt(C). The range is 0.5 to 3.
                 lambda_ratio: f64 = ("lambda_ratio", "1", 1.0),
             } => |design| Levant(
                 LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?.quantise(false)
             );
             /// Levant's robust exact differentiator, discretised by the implicit Euler method.
             LevantImplicit = 13, "levant-implicit" {
-                /// Largest acceleration C of the handle, m/s^2: 1e-6 to 1e4 counts per sample^2.
+                /// Largest acceleration C of the handle, in m/s^2. It must lie in 1e-6 to 1e4 counts per sample^2.
                 acceleration_max_m_per_s2: f64 = ("acceleration_max", "m/s^2", 20.0),
-                /// Gain of the square root, divided by sqrt(C), 0.5 to 3.
+                /// Gain of the square root, divided by sqrt(C). The range is 0.5 to 3.
                 lambda_ratio: f64 = ("lambda_ratio", "1", 1.0),
             } => |design| Levant(
                 LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?.quantise(true)
@@ -197,7 +197,7 @@ estimators! {
             );
             /// Tracking loop whose output leads or lags.
             TrackingLead = 20, "tracking-lead" {
-                /// Frequency of the two poles, Hz: 3.5e-5 to 0.25 of the rate.
+                /// Frequency of the two poles, in Hz. The range is 3.5e-5 to 0.25 of the sample rate.
                 bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
                 /// Number of samples by which the output is extrapolated from its last change. The lowest value, -1, is
                 /// a lag of one sample.
@@ -224,7 +224,7 @@ estimators! {
                 frequency_hz: f64 = ("frequency", "Hz", 700.0),
                 /// Damping ratio of the first section's poles, 0.02 to 4.
                 damping: f64 = ("damping", "1", 0.5),
-                /// Lead of a slow motion in the first section, in s. The range follows from the other parameters.
+                /// Time by which the first section leads in a slow motion, in s. The range follows from the other parameters.
                 lead_s: f64 = ("lead", "s", 0.0),
                 /// Position of the first section's second zero in the z plane, -1 to 0.98.
                 zero: f64 = ("zero", "1", 0.0),
@@ -232,7 +232,7 @@ estimators! {
                 second_ratio: f64 = ("second_ratio", "1", 1.0),
                 /// Damping ratio of the second section's poles, 0.02 to 4.
                 second_damping: f64 = ("second_damping", "1", 1.0),
-                /// Lead of a slow motion in the second section, in s.
+                /// Time by which the second section leads in a slow motion, in s.
                 second_lead_s: f64 = ("second_lead", "s", 0.0),
                 /// Position of the second section's second zero in the z plane, -1 to 0.98.
                 second_zero: f64 = ("second_zero", "1", 0.0),

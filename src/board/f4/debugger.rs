@@ -14,10 +14,10 @@ use zwidth::{
     safety::{HaltWatch, RateWatch},
 };
 
-/// Timers of APB1 that stop in a halt: TIM5 (bit 3) and TIM3 (bit 1). TIM3 must stay in phase with TIM5 if it captures
-/// edges. TIM6 (bit 4) and the watchdog (bit 12) run on.
+/// Bits of the timers on APB1 that stop in a halt. They are TIM5 (bit 3) and TIM3 (bit 1). TIM3 must stay in phase with
+/// TIM5 if it captures edges. TIM6 (bit 4) and the watchdog (bit 12) run on.
 const STOPPED_APB1: u32 = 1 << 3 | 1 << 1;
-/// Timer of APB2 that stops in a halt: TIM1.
+/// Bit of the timer on APB2 that stops in a halt. It is TIM1.
 const STOPPED_APB2: u32 = 1;
 
 /// TIM6, which counts on while the core is halted.

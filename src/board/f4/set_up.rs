@@ -55,24 +55,24 @@ macro_rules! fold {
 #[inline(always)]
 fn sum() -> u32 {
     let mut sum = 0u32;
-    // Clocks: HSE, its bypass, its security system, the PLL; the dividers, also of the timers (TIMPRE in DCKCFGR, not
-    // on the F407); the clock gates, awake and asleep.
+    // The clocks: HSE with its bypass and its security system, the PLL, and the dividers. DCKCFGR has the divider of
+    // the timers (TIMPRE), except on the F407. Then come the clock gates, for the core awake and asleep.
     fold! { sum,
         RCC => [0x00 & (1 << 16 | 1 << 18 | 1 << 19 | 1 << 24), 0x04, 0x08, 0x30, 0x40, 0x44, 0x50, 0x60, 0x64, 0x8C];
     }
-    // Wait states of the flash; voltage detector; its interrupt.
+    // The wait states of the flash, the voltage detector, and its interrupt.
     fold! { sum,
         FLASH => [0x00 & 0xF];
         POWER => [0x00];
         EXTI => [0x00, 0x08];
     }
-    // Pins: mode, push-pull, alternate function, the pull-up of the stop.
+    // The pins: their modes, output types, alternate functions, and the pull-up of the stop.
     fold! { sum,
         GPIOA => [0x00, 0x04, 0x20, 0x24];
         GPIOB => [0x00, 0x0C, 0x24];
         GPIOE => [0x00, 0x04, 0x0C, 0x24];
     }
-    // Enable and PWM: CR1, CR2, SMCR, CCMR1, CCMR2, CCER, PSC, ARR, RCR, BDTR but for MOE. DAC: CR.
+    // Enable and PWM: CR1, CR2, SMCR, CCMR1, CCMR2, CCER, PSC, ARR, RCR, BDTR without MOE. DAC: CR.
     fold! { sum,
         TIM1 => [0x00, 0x04, 0x08, 0x18, 0x1C, 0x20, 0x28, 0x2C, 0x30, 0x44 & (!(1 << 15))];
         DAC => [0x00];
@@ -82,7 +82,7 @@ fn sum() -> u32 {
         ADC => [0x04, 0x10, 0x2C, 0x34];
         ADC + 0x100 => [0x04, 0x10, 0x2C, 0x34, 0x204];
     }
-    // Encoder: CR1 but for DIR, CR2, SMCR, CCMR1, CCER, PSC, ARR.
+    // Encoder: CR1 without DIR, CR2, SMCR, CCMR1, CCER, PSC, ARR.
     fold! { sum,
         TIM2 => [0x00 & (!(1 << 4)), 0x04, 0x08, 0x18, 0x20 & !DIRECTION, 0x28, 0x2C];
     }
@@ -103,7 +103,7 @@ fn sum() -> u32 {
     fold! { sum,
         SCB => [0x08, 0x0C & 0x700, 0x1C, 0x20, 0x94, 0x9C, 0xA0];
     }
-    // Interrupts: which are on; priorities of the four tasks.
+    // The interrupts: which of them are on, and the priorities of the four tasks.
     fold! { sum,
         NVIC => [0x00, 0x04, 0x08, 0x300, 0x324, 0x330];
     }
