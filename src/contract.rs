@@ -401,7 +401,7 @@ impl<F: ForceOutput, E: Enable> Drive<F, E> {
         Self { force, enable }
     }
 
-    /// Writes a command to the output, see [`ForceOutput::write`].
+    /// Writes a command to the output. See [`ForceOutput::write`].
     #[inline(always)]
     pub fn write(&mut self, command: OutputCode, mirrored: bool) {
         self.force.write(command, mirrored);

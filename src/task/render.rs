@@ -59,9 +59,9 @@ pub struct Ends {
 
 /// The ends that lead to `sample`.
 pub struct ToSample {
-    /// Written when the parameters change.
+    /// The loop's parameters. They are written when they change.
     pub control: DoubleBufferWriter<LoopParameters>,
-    /// Written with every output.
+    /// The command for the guard. It is written with every output.
     pub down: DoubleBufferWriter<GuardCommand>,
 }
 

@@ -318,8 +318,8 @@ impl<'a> Parts<'a> {
         filled == self.0.len() && told
     }
 
-    /// The position of the sample before the frame, then of each sample up to the newest output. Empty if every sample
-    /// has an output. `newest` is the position of the newest output.
+    /// Returns the position of the sample before the frame, then of each sample up to the newest output. If every
+    /// sample has an output, there are none. `newest` is the position of the newest output.
     pub fn positions(
         self,
         newest: Position,

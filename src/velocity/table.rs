@@ -224,7 +224,8 @@ estimators! {
                 frequency_hz: f64 = ("frequency", "Hz", 700.0),
                 /// Damping ratio of the first section's poles, 0.02 to 4.
                 damping: f64 = ("damping", "1", 0.5),
-                /// Time by which the first section leads in a slow motion, in s. The range follows from the other parameters.
+                /// Time by which the first section leads in a slow motion, in s. The range follows from the other
+                /// parameters.
                 lead_s: f64 = ("lead", "s", 0.0),
                 /// Position of the first section's second zero in the z plane, -1 to 0.98.
                 zero: f64 = ("zero", "1", 0.0),

@@ -123,7 +123,7 @@ impl<W: Wiring> Board for F4<W> {
     }
 }
 
-/// The chip after [`start`]. Its clock is on, TIM1's outputs are off, and the pins are still inputs.
+/// The chip after [`Chip::start`]. Its clock is on, TIM1's outputs are off, and the pins are still inputs.
 pub struct Chip {
     /// The clock controller. The board's file needs it to set up pins and peripherals.
     pub rcc: Rcc,
