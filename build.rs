@@ -8,11 +8,12 @@ use std::{
     process::{self, Command},
 };
 
-/// First bytes of a device record. The next line: offset of its board's name (src/device/record.rs).
+/// Every device record begins with these bytes. `BOARD_AT` and `BOARD_LENGTH` say where in the record the name of its
+/// board is (src/device/record.rs).
 const MAGIC: &[u8] = b"ZWD";
 const BOARD_AT: usize = 12;
 const BOARD_LENGTH: usize = 16;
-/// Longest record, bytes: a flash sector.
+/// Length of the longest record, in bytes. A record has one flash sector.
 const LONGEST: usize = 16 * 1024;
 
 fn main() {
@@ -32,7 +33,7 @@ fn main() {
     }
     fs::copy("memory.x", out.join("memory.x")).expect("OUT_DIR is writable");
     println!("cargo:rustc-link-search={}", out.display());
-    // Without this defmt drops every line below `error`.
+    // If DEFMT_LOG is not set, defmt drops every line below `error`. So the default here is `info`.
     println!("cargo:rerun-if-env-changed=DEFMT_LOG");
     let level = env::var("DEFMT_LOG").unwrap_or_else(|_| "info".into());
     println!("cargo:rustc-env=DEFMT_LOG={level}");
@@ -67,9 +68,9 @@ const SOURCES: [&str; 7] =
     [".cargo", "Cargo.lock", "Cargo.toml", "build.rs", "memory.x", "rust-toolchain.toml", "src"];
 
 /// The commit of the package in `folder`, and the files that cargo watches for a change. The commit has 12 digits, and
-/// ends in `-dirty` if a source of the image is not as committed. It is `unknown` in a source archive without git, even
-/// if the archive is unpacked inside another repository. On the host nothing depends on the commit, so a new commit
-/// rebuilds the image only.
+/// ends in `-dirty` if a source of the image is not as committed. In a source archive without git the commit is
+/// `unknown`, even if the archive is unpacked inside another repository. No code of the host depends on the commit. So
+/// a new commit rebuilds only the image.
 pub fn commit(folder: &Path) -> (String, Vec<PathBuf>) {
     let git = |words: &[&str]| {
         let mut git = Command::new("git");
@@ -81,7 +82,7 @@ pub fn commit(folder: &Path) -> (String, Vec<PathBuf>) {
         told.status.success().then(|| text.trim_end().to_owned())
     };
     let unknown = || ("unknown".into(), SOURCES.iter().map(|path| folder.join(path)).collect());
-    // An empty prefix: the package is the top of the repository.
+    // The prefix is empty if the package is the top folder of the repository.
     if git(&["rev-parse", "--show-prefix"]).is_none_or(|prefix| !prefix.is_empty()) {
         return unknown();
     }
@@ -106,7 +107,8 @@ fn refuse(path: &Path, why: &str) -> ! {
     process::exit(1);
 }
 
-/// The board whose feature is on: its file in `src/board` has the same name. None for the library alone.
+/// The board that the Cargo features select. The feature has the name of the board's file in `src/board`. Without such
+/// a feature only the library is built, and the result is `None`.
 fn board() -> Option<String> {
     println!("cargo:rerun-if-changed=src/board");
     let files = fs::read_dir("src/board").expect("the package has src/board");

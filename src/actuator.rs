@@ -1,5 +1,6 @@
-//! Force to DAC or PWM code: the last stage, run for every output. The force is saturated already
-//! ([`Demand::saturate`](crate::units::Demand::saturate)), so nothing is clamped here.
+//! Turns a force into a DAC or PWM code. This is the last stage of the loop, and it runs for every output. An earlier
+//! stage, [`Demand::saturate`](crate::units::Demand::saturate), has limited the force to full scale. So nothing is
+//! clamped here.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -10,10 +11,10 @@ use crate::{
     units::{Force, OutputCode},
 };
 
-/// How the hardware takes its command.
+/// The kind of hardware that takes the force command, and its resolution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
-    /// No quantisation: the simulator's ideal output. The code is the force in LSB of 2^-30.
+    /// The simulator's ideal output, without quantisation. The code is the force in LSB of 2^-30.
     Continuous,
     /// A DAC with offset binary codes `0 ..= 2^bits - 1`. Zero force is at `2^(bits-1)`. Full scale is `2^(bits-1) - 1`
     /// codes away from zero force, on both sides.
@@ -21,14 +22,14 @@ pub enum Output {
         /// Resolution, 2 to 24 bits.
         bits: u32,
     },
-    /// Sign-magnitude PWM: codes `-steps ..= steps`, the sign on the direction pin.
+    /// Sign-magnitude PWM with the codes `-steps ..= steps`. A direction pin carries the sign.
     Pwm {
         /// Timer ticks per PWM period, 2 to 2^24.
         steps: u32,
     },
 }
 
-/// Turns forces into codes; made by [`Settings::build`](crate::Settings::build).
+/// Turns forces into codes. [`Settings::build`](crate::Settings::build) makes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Actuator {
     zero: i32,
@@ -42,7 +43,7 @@ impl Actuator {
     /// Allowed `steps` of a PWM.
     pub const PWM_STEPS: RangeInclusive<u32> = 2..=1 << 24;
 
-    /// The actuator of that output.
+    /// Makes the actuator for this output.
     ///
     /// # Errors
     /// `bits` or `steps` is out of range.
@@ -62,7 +63,8 @@ impl Actuator {
         })
     }
 
-    /// The nearest code. Halves round away from zero force, the same on both sides.
+    /// Returns the code nearest to the force. A force midway between two codes gets the code farther from zero force,
+    /// on both sides.
     #[inline]
     pub fn command(&self, force: Force) -> OutputCode {
         let bits = i64::from(force.bits());
@@ -78,7 +80,7 @@ impl Actuator {
         OutputCode(self.zero)
     }
 
-    /// Codes from zero force to full scale.
+    /// Number of codes from zero force to full scale.
     pub fn codes_per_full_scale(&self) -> u32 {
         self.per_full_scale.unsigned_abs() << (Force::FRACTION_BITS - self.shift)
     }

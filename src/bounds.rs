@@ -28,13 +28,13 @@ pub(crate) fn corners<T: Copy, const N: usize>(ends: [[T; 2]; N]) -> impl Iterat
     (0u32..1 << N).map(move |choice| core::array::from_fn(|n| ends[n][(choice >> n & 1) as usize]))
 }
 
-/// Boxes that contain the coefficients of all accepted low-passes, order 1 and 2, both ways of warping. Each of many
-/// small ranges of the cutoff has its own box. In one box over all cutoffs the corners would pair coefficients that
-/// never occur together.
+/// Boxes that contain the coefficients of all accepted low-passes. The low-passes have order 1 or 2, and both ways of
+/// frequency warping. Each small range of the cutoff has its own box. With a single box for all cutoffs, the corners
+/// would combine coefficients that never occur together.
 fn coefficient_boxes() -> Vec<[[i32; 2]; 5]> {
     const BOXES: u32 = 64;
-    /// Cutoffs that are computed in each range, including both ends. Between two neighbouring cutoffs every coefficient
-    /// is monotone, or bends by less than the margin.
+    /// Number of cutoffs that are computed in each range, including both ends. Between two neighbouring cutoffs every
+    /// coefficient is monotone, or leaves the range of its two values by less than `MARGIN`.
     const LOOKS: u32 = 64;
     const MARGIN: i32 = 1 << 12;
     let cutoff = |n: u32| {
@@ -71,7 +71,7 @@ const VELOCITY: [i32; 2] = [-(Velocity::LIMIT << 16), Velocity::LIMIT << 16];
 const STATE: [i32; 2] = [i32::MIN, i32::MAX];
 const RESIDUE: [i32; 2] = [-(1 << 29), (1 << 29) - 1];
 
-/// One step of a biquad at every corner of coefficients, inputs, outputs and residues.
+/// Runs one step of a biquad at every corner of the box of coefficients, inputs, outputs and residues.
 fn at_all_corners(coefficients: [[i32; 2]; 5]) {
     for bits in corners(coefficients) {
         for second in [0, -1] {
@@ -98,7 +98,7 @@ fn a_low_pass_never_overflows_whatever_the_cutoff_and_its_state() {
     }
 }
 
-/// The positive control: the same test finds an overflow if the coefficients are beyond the accepted coefficients.
+/// The positive control. With coefficients beyond the accepted ones, the same test must find an overflow.
 #[test]
 #[cfg_attr(miri, ignore = "millions of corners")]
 #[should_panic(expected = "overflow")]

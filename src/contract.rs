@@ -21,13 +21,13 @@
 //! register accesses. These functions take a bounded number of cycles: they do not wait, lock or panic. [`off`] works
 //! at every priority, and in the panic and fault handlers.
 //!
-//! **Signs.** In the whole core, into the wall is positive: the count rises into the wall, and a positive
-//! [`OutputCode`] pushes into it. Only [`Encoder::turn`] and `mirrored` adapt a board's own polarity (which channel
-//! leads, which way a motor is wound). The settings `encoder` and `motor` control the two functions. The sign test of
-//! `arm` checks that both settings together are right.
+//! **Signs.** In the whole core the direction into the wall is positive. The count rises as the handle moves into the
+//! wall, and a positive [`OutputCode`] pushes into it. A board may have another polarity: the other channel leads, or
+//! the motor is wound the other way. Only [`Encoder::turn`] and the argument `mirrored` correct this. The settings
+//! `encoder` and `motor` control these two. The sign test of `arm` checks that both settings together are right.
 //!
-//! Traits of other crates are used where they fit: [`InputPin`] for the switch, [`NorFlash`] for the settings. Other
-//! traits do not fit. `OutputPin` has one owner, but any task may switch enable off, and on our boards the hardware may
+//! Traits of other crates are used where they fit: [`InputPin`] for the switch, [`NorFlash`] for the settings. These
+//! traits do not fit: `OutputPin` has one owner, but any task may switch enable off, and on our boards the hardware may
 //! switch it off too. `SetDutyCycle` sets one channel, but magnitude and sign of a force change together. embedded-hal
 //! 1.0 has no quadrature counter, converter, timer or watchdog. `embedded_io` waits for room or for data.
 
@@ -43,7 +43,7 @@ use crate::{
     velocity::{Sense, Senses},
 };
 
-/// Samples per second of every board, Hz.
+/// Samples per second of every board, in Hz.
 pub const RATE_HZ: u32 = 1000 * SAMPLES_PER_MS;
 
 /// A board: its constants and the types of its parts.
@@ -54,7 +54,7 @@ pub trait Board: Sized {
     const OUTPUT: Output;
     /// Senses that an estimator can use beside the count.
     const SENSES: &'static [Sense];
-    /// Time from the counter's reading to the force, samples. The board's scene has the same number.
+    /// Time from the reading of the counter to the force, in samples. The board's scene has the same number.
     const LATENCY_SAMPLES: f64;
 
     /// All peripherals of the chip.
@@ -94,26 +94,26 @@ pub trait Board: Sized {
     /// Channel of commands from the host.
     type Commands: CommandChannel;
 
-    /// Sets the board up. Force and enable are off before anything that may take time. The timers of the control are
-    /// not started yet.
+    /// Sets the board up. It first switches force and enable off, before any step that may take time. It does not start
+    /// the timers of the control loop yet.
     fn take(device: Self::Device, core: Self::Core) -> Parts<Self>;
 
-    /// Pends the interrupt of `render`. Called by `sample`.
+    /// Requests the interrupt of the task `render`. The task `sample` calls it.
     fn request_render();
 
-    /// Pends the interrupt of `link`. Called by `render`.
+    /// Requests the interrupt of the task `link`. The task `render` calls it.
     fn request_link();
 
     /// Switches off until the next reset. Writes `fault` to the memory that a reset does not erase. Any task may call
     /// this function. No task runs afterwards.
     fn end(fault: Fault) -> !;
 
-    /// Number of log lines that were dropped since the start, because there was no room; wraps.
+    /// Number of log lines that were dropped since the start because there was no room. The number wraps.
     fn log_dropped() -> u32;
 }
 
-/// Starts the encoder, the output's clock, and then at once the sampling. The phase of a PWM depends on the time from
-/// the start of the output's clock to the start of the sampling. Call this function once, with all interrupts on.
+/// Starts the encoder and the output's clock, and right after that the sampling. The phase of a PWM depends on the time
+/// from the start of the output's clock to the start of the sampling. Call this function once, with all interrupts on.
 pub fn start<E: Encoder, F: ForceOutput, T: SampleTimer>() {
     E::start();
     F::start();
@@ -128,8 +128,9 @@ pub fn off<F: ForceOutput, E: Enable>() {
     F::zero();
 }
 
-/// Reads what a board reports at an output. `switched_on`: the task `render` has switched the amplifier on. `found`:
-/// faults found since the last output. `sample`: number of the sample. `period`: samples from output to output.
+/// Reads what a board reports at an output. `switched_on` says whether the task `render` has switched the amplifier on.
+/// `found` has the faults that were found since the last output. `sample` is the number of the sample, and `period` the
+/// number of samples from output to output.
 ///
 /// An effect is read before its causes: enable before everything that switches enable off, the flag of an open stop
 /// before the stop's level. So if an effect was read, its cause is read too, whatever happens between two reads. For
@@ -187,11 +188,11 @@ pub struct Parts<B: Board> {
 
 /// The channels to and from the host.
 pub struct Link<B: Board> {
-    /// Frames of telemetry, in bytes.
+    /// Channel for the telemetry frames.
     pub telemetry: B::Up,
-    /// Replies, lines of text.
+    /// Channel for the replies, as lines of text.
     pub replies: B::Up,
-    /// Commands, lines of text.
+    /// Channel of the commands, as lines of text.
     pub commands: B::Commands,
 }
 
@@ -204,7 +205,7 @@ pub trait Encoder {
     /// The count now, in 32 bits that wrap.
     fn count(&self) -> u32;
 
-    /// The count now, read first, and the board's other senses. Called once per sample, by `sample`.
+    /// Reads the count first, then the board's other senses. The task `sample` calls it once per sample.
     fn sense(&mut self) -> (u32, Senses);
 
     /// Reverses the direction, or restores it. The count goes on from its value. Called by `render`, with the force
@@ -212,21 +213,21 @@ pub trait Encoder {
     fn turn(reversed: bool);
 }
 
-/// The clock of the control: an interrupt at [`RATE_HZ`], at equal intervals. It stands still while a debugger has the
-/// core halted.
+/// The clock of the control loop. It requests an interrupt at [`RATE_HZ`], at equal intervals. It stands still while a
+/// debugger has the core halted.
 pub trait SampleTimer {
     /// Runs from now on; the first sample comes one period later.
     fn start();
 
-    /// Whether more than two fifths of the time to the next sample have passed. If there is an output at every sample,
-    /// this output then has time only for its necessary work. Called by `render`.
+    /// Whether more than two fifths of a sample's time have passed since its beginning. With an output at every sample,
+    /// such an output then has time only for its necessary work. The task `render` calls it.
     fn is_late() -> bool;
 
     /// Clears the request of the present sample. Called by `sample`.
     fn acknowledge(&mut self);
 }
 
-/// The force output: turns a whole command into a force.
+/// The force output. It turns a complete command, magnitude and sign together, into a force.
 pub trait ForceOutput {
     /// Sets the output to a command, which the core has clamped to the range of [`Board::OUTPUT`]. `mirrored` mirrors
     /// the command about zero force, if the motor is mounted the other way round. The output has no effect while enable
@@ -250,7 +251,7 @@ pub trait Enable {
     /// Makes the line active, unless the emergency stop is open. Clears the flag of [`was_stopped`](Self::was_stopped).
     fn on(&mut self);
 
-    /// Makes the line inactive, now. Any task and handler may call it.
+    /// Makes the line inactive at once. Any task and handler may call it.
     fn off();
 
     /// Whether the line is active. The level is read back, so the result is false as soon as hardware has switched the
@@ -272,13 +273,13 @@ pub trait Supply {
 
 /// Finds halts by a debugger. A timer that keeps running during a halt shows the time that passed without samples.
 pub trait DebugHalts {
-    /// Whether the core was halted since the last output. `sample`: number of this output's sample. `period`: samples
-    /// from output to output. Called by `render` at each output.
+    /// Whether the core was halted since the last output. `sample` is the number of this output's sample, and `period`
+    /// the number of samples from output to output. The task `render` calls it at each output.
     fn since_the_last(&mut self, sample: u64, period: u32) -> bool;
 
-    /// Count of the timer that keeps running during a halt,
-    /// [`HaltWatch::TICKS_PER_SAMPLE`](crate::safety::HaltWatch::TICKS_PER_SAMPLE) ticks per sample; wraps. Called by
-    /// `link`.
+    /// Count of the timer that keeps running during a halt. It has
+    /// [`HaltWatch::TICKS_PER_SAMPLE`](crate::safety::HaltWatch::TICKS_PER_SAMPLE) ticks per sample, and wraps. The
+    /// task `link` calls it.
     fn clock() -> u16;
 
     /// Whether this timer and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch). Called by
@@ -294,22 +295,23 @@ pub trait SetUp {
 
     /// Whether all registers are still as at the first call. Called by `render` after each output.
     fn holds(&mut self) -> bool;
-    /// Drives enable's pin low by its port until the next reset, whatever the timer and the pin's mode are now. Called
-    /// if a register has changed.
+    /// Drives the pin of enable low until the next reset, by the registers of its port. This works whatever the timer
+    /// does and whatever the pin's mode is. It is called if a register has changed.
     fn hold_enable_low(&mut self);
 }
 
 /// Reads the force output and the motor's current back, with A/D converters.
 pub trait ReadBack {
-    /// Lowest and highest code between which the output surely follows its command. `None`: the output cannot be read
-    /// back.
+    /// The lowest and the highest code. Between them the output surely follows its command. `None` if the output cannot
+    /// be read back.
     const SWING: Option<[i32; 2]>;
 
     /// Begins to read the force output. Called by `render` at the beginning of each output, so the reading belongs to
     /// the last output, not to the code that is written some microseconds later.
     fn begin(&mut self);
 
-    /// The converters' readings. Called by `render`, in the same output, after the force is written.
+    /// Returns the readings that [`begin`](Self::begin) started. The task `render` calls it in the same output, after
+    /// the force is written.
     fn finish(&mut self) -> Readings;
 }
 
@@ -317,9 +319,9 @@ pub trait ReadBack {
 /// [`OUTPUT_WATCHDOG_US`](crate::period::OUTPUT_WATCHDOG_US). This hardware also works if the core stands still, is
 /// locked up or has masked its interrupts.
 pub trait OutputWatchdog {
-    /// Restarts the time. Called by `render` with each output, whether the force is on or off, so that the hardware
-    /// never acts during [`Enable::on`]. `sample`: number of the output's sample. `halted`: a debugger has had the core
-    /// halted since the last output.
+    /// Starts the time again. The task `render` calls it with each output, also with the force off, so that the
+    /// hardware never acts during [`Enable::on`]. `sample` is the number of the output's sample. `halted` says whether
+    /// a debugger has halted the core since the last output.
     fn renew(&mut self, sample: u32, halted: bool);
 
     /// Whether the watchdog's clock and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch).
@@ -336,14 +338,14 @@ pub trait SelfTest {
 /// Resets the chip if [`feed`](Self::feed) is not called in time. A reset switches everything off. The watchdog has its
 /// own oscillator. Only a reset stops the watchdog.
 pub trait Watchdog {
-    /// Feeds the watchdog: all tasks are alive. Called by `idle`, at least each 20 ms. The reset comes after 30 to 100
-    /// ms.
+    /// Tells the watchdog that all tasks are alive. `idle` calls it at least every 20 ms. Without this call the reset
+    /// comes after 30 to 100 ms.
     fn feed(&mut self);
 }
 
 /// Memory that keeps its content over a reset, but perhaps not over a loss of power.
 pub trait FaultMemory {
-    /// Reads the content: a record, zeros, or anything after power-on.
+    /// Reads the content. It is a record, or zeros, or after power-on any values.
     fn read(&self) -> [u32; FaultRecord::WORDS];
 
     /// Writes all words of a record.
@@ -357,7 +359,7 @@ pub trait FaultMemory {
 
 /// A channel towards the host. It never waits, and drops what does not fit.
 pub trait UpChannel {
-    /// Writes all of `bytes`, or nothing. Returns whether it wrote them. Called by `link`.
+    /// Writes all of `bytes`, or nothing. Returns whether it wrote them. The task `link` calls it.
     fn write(&mut self, bytes: &[u8]) -> bool;
 }
 
@@ -367,8 +369,8 @@ pub trait CommandChannel {
     fn read(&mut self, bytes: &mut [u8]) -> usize;
 }
 
-/// The error bits of the flash controller's status register. 0: address or length is not allowed, and the controller
-/// was not used.
+/// The error bits of the flash controller's status register. With 0 the address or the length was not allowed, and the
+/// controller was not used.
 ///
 /// Erase and write stall the core, on some boards for up to a second. `link` erases and writes only with the force off.
 /// Meanwhile the board gives the watchdog more time.
@@ -394,12 +396,12 @@ pub struct Drive<F, E> {
 }
 
 impl<F: ForceOutput, E: Enable> Drive<F, E> {
-    /// A drive made of this force output and this enable line. Both must be off.
+    /// Combines this force output and this enable line. Both must be off.
     pub const fn new(force: F, enable: E) -> Self {
         Self { force, enable }
     }
 
-    /// Writes a command to the output, see [`ForceOutput::write`].
+    /// Writes a command to the output. See [`ForceOutput::write`].
     #[inline(always)]
     pub fn write(&mut self, command: OutputCode, mirrored: bool) {
         self.force.write(command, mirrored);
@@ -424,7 +426,8 @@ impl<F: ForceOutput, E: Enable> Drive<F, E> {
     }
 }
 
-/// The emergency stop: a normally closed switch to ground with a pull-up. An open switch or a cut wire is a stop.
+/// The emergency stop. It is a normally closed switch from the pin to ground, and the pin has a pull-up. An open switch
+/// or a cut wire means stop.
 pub struct EmergencyStop<P>(P);
 
 impl<P: InputPin> EmergencyStop<P> {

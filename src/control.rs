@@ -1,4 +1,4 @@
-//! The control pipeline: computations for every sample and for every output.
+//! The control loop. It has the computations that run once per sample, and those that run once per output.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -13,8 +13,8 @@ use crate::{
     wall::Wall,
 };
 
-/// All values that a sample needs, in integers, made by [`Settings::build`](crate::Settings::build). They are
-/// immutable: a new `LoopParameters` replaces the old parameters as a whole, between two samples.
+/// All values that the loop needs, as integers. [`Settings::build`](crate::Settings::build) makes them. They do not
+/// change. A new `LoopParameters` replaces the old one as a whole, between two samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopParameters {
     /// Velocity estimator with its coefficients.
@@ -32,9 +32,9 @@ pub struct LoopParameters {
 pub struct Motion {
     /// Number of this sample, from 0.
     pub sample: u64,
-    /// Position of the handle, counts.
+    /// Position of the handle, in counts.
     pub position: Position,
-    /// Velocity of the handle by the estimator, 2^-16 counts per sample.
+    /// Velocity of the handle as the estimator finds it, in 2^-16 counts per sample.
     pub velocity: Velocity,
 }
 
@@ -55,23 +55,24 @@ impl Motion {
     }
 }
 
-/// One output: its force, and the values behind it.
+/// The result of one output: its force, and the values from which it follows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
     /// Force that the wall gives back.
     pub wall: Demand,
-    /// The force that the actuator gets: push minus wall, saturated. [`Actuator::command`] turns it into a code.
+    /// The force for the actuator. It is the push minus the wall's force, limited to full scale. [`Actuator::command`]
+    /// turns it into a code.
     pub force: Force,
-    /// The handle is inside the wall.
+    /// Whether the handle is inside the wall.
     pub contact: bool,
     /// Whether the actuator could not give the whole force.
     pub saturated: bool,
 }
 
-/// Most samples in one call of [`Sampler::sense_all`].
+/// The largest number of samples in one call of [`Sampler::sense_all`].
 pub const RUN: usize = 16;
 
-/// The part of the pipeline that runs for every sample, with its state.
+/// The part of the control loop that runs for every sample, with its state.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampler<W = CounterWidth> {
     encoder: Encoder<W>,
@@ -86,7 +87,7 @@ pub struct Sampler<W = CounterWidth> {
 }
 
 impl<W: Width> Sampler<W> {
-    /// A handle at rest whose encoder counter reads `counter`.
+    /// Begins with a handle at rest, whose encoder counter reads `counter`.
     pub fn new(counter: u32, width: W) -> Self {
         let encoder = Encoder::new(counter, width);
         Self { encoder, velocity: Running::REST, sample: 0, due: 0, high: 0 }
@@ -108,8 +109,8 @@ impl<W: Width> Sampler<W> {
         self.encoder.is_whole()
     }
 
-    /// Whether the estimator's memory is unchanged since the last sample. Also `true` if the last sample had another
-    /// tuning.
+    /// Whether the estimator's memory is unchanged since the last sample. If the last sample had another tuning, the
+    /// estimator will start anew, so the result is `true`.
     #[inline(always)]
     pub fn remembers(&self, control: &LoopParameters) -> bool {
         self.velocity.number() != control.estimator.number()
@@ -130,11 +131,12 @@ impl<W: Width> Sampler<W> {
         } else {
             ((self.high as u64) << 32 | self.due as u64).wrapping_add(since as u64)
         };
-        // The low half of the result is `number` itself. So a caller that needs only the low half needs no addition.
+        // The low half of the result is `number` itself. Written like this, a caller that needs only the low half
+        // computes no sum.
         near & !(u32::MAX as u64) | number as u64
     }
 
-    /// The state after the samples so far.
+    /// The state of encoder and estimator after the last sample.
     pub fn state(&self) -> velocity::State {
         velocity::State::behind(self.encoder.position(), self.velocity)
     }
@@ -150,7 +152,7 @@ impl<W: Width> Sampler<W> {
         self.sense(control, counter, &Senses::NONE)
     }
 
-    /// As [`sample`](Self::sample), for estimators that use more than the count.
+    /// Like [`sample`](Self::sample), but also for estimators that use more than the count.
     #[inline(always)] // as Estimator::update
     pub fn sense(&mut self, control: &LoopParameters, counter: u32, senses: &Senses) -> Sampled {
         let before = self.encoder.position();
@@ -160,10 +162,10 @@ impl<W: Width> Sampler<W> {
         self.say(control, self.sample, position, velocity)
     }
 
-    /// As [`sense`](Self::sense), for the first [`RUN`] readings (as signed numbers). Only the last reading may have an
-    /// output. This function is for simulators, which have several readings at once. It looks up the estimator only
-    /// once. `senses` is empty if the estimator needs none. Returns the velocities, and the result of `sense` for the
-    /// last reading. `None` without a reading.
+    /// Like [`sense`](Self::sense), but for several readings, which are given as signed numbers. It takes at most
+    /// [`RUN`] of them. Only the last reading may have an output. This function is for simulators, which have several
+    /// readings at once: it looks up the estimator only once. `senses` is empty if the estimator needs none. Returns
+    /// the velocities, and the result of `sense` for the last reading. Returns `None` if there is no reading.
     #[inline]
     pub fn sense_all(
         &mut self,
@@ -185,7 +187,7 @@ impl<W: Width> Sampler<W> {
         Some(self.say(control, self.sample.wrapping_add(before), self.encoder.position(), velocity))
     }
 
-    /// The result for the sample `number`. Sets the number of the next sample.
+    /// Makes the result for the sample `number`, and sets the number of the next sample.
     #[inline(always)]
     fn say(
         &mut self,
@@ -222,8 +224,8 @@ impl<W> Sampler<W> {
 }
 
 impl LoopParameters {
-    /// These parameters as a replacement of `running`. If the estimator or its tuning differs from `running`, the
-    /// estimator starts anew with its first sample, see [`Tuned`].
+    /// Makes these parameters ready to replace `running`. If they have another estimator or tuning than `running`, the
+    /// estimator starts anew with the next sample. See [`Tuned`].
     #[must_use]
     pub fn after(self, running: &Self) -> Self {
         Self { estimator: self.estimator.after(&running.estimator), ..self }
@@ -237,8 +239,8 @@ impl LoopParameters {
             && (wall, actuator, period) == (&other.wall, &other.actuator, &other.period)
     }
 
-    /// The output for `motion`: the force `push` (into the wall) minus the wall's force. Push and wall share the
-    /// actuator's range.
+    /// Computes the output for `motion`. Its force is `push`, which is positive into the wall, minus the wall's force.
+    /// Both together are limited to the range of the actuator.
     #[inline]
     pub fn render(&self, motion: Motion, push: Force) -> Drive {
         let wall = self.wall.demand(motion.position, motion.velocity);
@@ -268,7 +270,7 @@ mod tests {
         Settings { velocity, wall }.build(&DESIGN).unwrap()
     }
 
-    /// Runs of samples that end with an output, with the readings of the senses.
+    /// Groups of samples, each with the readings of the senses. Each group ends with an output.
     fn runs() -> impl Strategy<Value = Vec<(usize, [i32; RUN], i32)>> {
         prop::collection::vec((1..=RUN, prop::array::uniform16(-40..60), any::<i32>()), 1..40)
     }
@@ -341,7 +343,7 @@ mod tests {
         }
     }
 
-    /// As in the wall: at the surface itself there is no contact.
+    /// There is no contact at the surface itself. The wall defines it in the same way.
     #[test]
     fn contact_begins_one_count_behind_the_surface() {
         let control = control(VelocitySettings::Difference {});

@@ -7,7 +7,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 
 static TABLE: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// The CRC of any data that is followed by its own CRC. It is always this constant.
+/// The CRC of data followed by their own CRC is always this constant.
 pub(crate) const RESIDUE: u32 = 0x2144_DF1C;
 
 pub(crate) fn of_bytes(bytes: &[u8]) -> u32 {
@@ -19,7 +19,7 @@ pub(crate) fn of_words(words: &[u32]) -> u32 {
     of_pieces([words])
 }
 
-/// CRC of several pieces of words, as if they were one piece.
+/// CRC of several pieces of words, computed as if they were one piece.
 pub(crate) fn of_pieces<'a>(pieces: impl IntoIterator<Item = &'a [u32]>) -> u32 {
     let mut digest = TABLE.digest();
     for word in pieces.into_iter().flatten() {

@@ -9,15 +9,15 @@ use crate::{
 /// Fixed data of a device. They do not change while the loop runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Design {
-    /// Encoder samples per second, Hz.
+    /// Encoder samples per second, in Hz.
     pub rate_hz: f64,
     /// Encoder resolution, m per count.
     pub resolution_m: f64,
-    /// Force at full command, N.
+    /// Force at full command, in N.
     pub full_scale_n: f64,
-    /// Samples per output: 10 for 10 kHz in, 1 kHz out.
+    /// Samples per output. For example, it is 10 if samples come at 10 kHz and outputs at 1 kHz.
     pub period: u32,
-    /// How the hardware takes its command.
+    /// The kind of the force output, and its resolution.
     pub output: Output,
 }
 
@@ -45,12 +45,13 @@ impl Design {
         libm::ceil(self.rate_hz / 1000.0) as u32
     }
 
-    /// Outputs per millisecond, at least 1. Work that needs at most 1 kHz runs once in this number of outputs.
+    /// Outputs per millisecond, at least 1. Work that has to run at 1 kHz at most runs only once in this number of
+    /// outputs.
     pub(crate) fn outputs_per_ms(&self) -> u32 {
         (self.samples_per_ms() / self.period.max(1)).max(1)
     }
 
-    /// `metres` in counts, rounded to the nearest, within the range of [`Position`].
+    /// Converts `metres` to counts, rounds to the nearest count, and checks the range of [`Position`].
     ///
     /// # Errors
     /// The position is beyond 2^30 counts.
@@ -65,7 +66,7 @@ impl Design {
         Ok(Position::from_counts(libm::round(metres / self.resolution_m) as i32))
     }
 
-    /// `newtons` as a fraction of full scale, within +-1.
+    /// Converts `newtons` to a fraction of full scale. The fraction must lie within +-1.
     pub(crate) fn force(
         &self,
         parameter: &'static str,
@@ -77,7 +78,7 @@ impl Design {
         Ok(Force::saturating_from_bits(libm::round(newtons / self.full_scale_n * full) as i32))
     }
 
-    /// `seconds` in samples, rounded to the nearest.
+    /// Converts `seconds` to samples, and rounds to the nearest sample.
     pub(crate) fn samples(
         &self,
         parameter: &'static str,

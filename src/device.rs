@@ -1,4 +1,5 @@
-//! The device that a board controls: its fixed data, and the plans that are computed from them.
+//! The device that a board controls. It has fixed data, from which the plans of loop, experiments and supervisor are
+//! computed.
 //!
 //! A [`Device`] has the content of a [device record](record) and the facts of its board. This module checks the numbers
 //! of the record. These numbers and the settings that a person may change are the input of loop, experiments and
@@ -38,7 +39,7 @@ pub struct Device<'a> {
     pub scene_hash: u32,
     /// Fixed data. A calibration may replace the force at full command. A setting may replace the output period.
     pub design: Design,
-    /// Time from the counter's reading to the force, samples.
+    /// Time from the reading of the counter to the force, in samples.
     pub latency_samples: f64,
     /// Senses that an estimator can use beside the count.
     pub senses: &'static [Sense],
@@ -52,10 +53,10 @@ pub struct Device<'a> {
     pub duty: DutySettings,
     /// Scale of the voltage with which the amplifier reports its current.
     pub current: CurrentSettings,
-    /// Distance of the handle from the axis of a rotary device, m. 0: the handle moves straight.
+    /// Distance of the handle from the axis of a rotary device, in m. It is 0 if the handle moves straight.
     pub radius_m: f64,
-    /// The return move to the start of a hit. Its `start_m` is only the default. The stored settings have the value in
-    /// use.
+    /// The return move to the start of a hit. Its `start_m` is only a default: the start that is used comes from the
+    /// stored settings.
     pub back: ReturnSettings,
     /// Data of a calibration, without the force. The command that starts a calibration gives the force.
     pub calibration: CalibrationSettings,
@@ -71,11 +72,11 @@ pub struct Device<'a> {
     pub walk: WalkSettings,
 }
 
-/// Largest factor between the calibrated force at full command and the force of [`Device::design`]. A larger factor is
-/// a typing error.
+/// The largest factor by which a calibrated force at full command may differ from the force of [`Device::design`]. A
+/// larger factor can only be a typing error.
 const FULL_SCALE_FACTOR: f64 = 3.0;
 
-/// Records of the black box: half a second at 1 kHz.
+/// Number of records in the black box. With outputs at 1 kHz they cover half a second.
 pub const HISTORY: usize = 500;
 
 /// Why a board cannot run settings that are all within their ranges.
@@ -109,18 +110,18 @@ pub struct Start {
 }
 
 impl Device<'_> {
-    /// Allowed radii of a rotary handle, m. A linear handle has radius 0.
+    /// Allowed radii of a rotary handle, in m. A linear handle has radius 0.
     pub const RADIUS_M: RangeInclusive<f64> = 1e-3..=10.0;
-    /// Longest latency that a record may have, samples: half a second on the present boards.
+    /// The longest latency that a record may have, in samples. On the present boards it is half a second.
     pub const LATENCY_MAX_SAMPLES: f64 = 5000.0;
-    /// Farthest end of the travel from zero, m. A handle may turn several times.
+    /// Farthest end of the travel from zero, in m. A handle may turn several times.
     pub const TRAVEL_MAX_M: f64 = 10.0;
     /// Highest believable speed that a record may have, m/s.
     pub const SPEED_MAX_M_PER_S: f64 = 100.0;
-    /// Allowed masses of the heaviest handle, kg. The upper end stands for an unknown mass.
+    /// Allowed values for the mass of the heaviest handle, in kg. The upper end stands for an unknown mass.
     pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-4..=1e6;
 
-    /// The design with a calibrated force at full command.
+    /// Returns the design with this calibrated force at full command.
     ///
     /// # Errors
     /// This force is too far from the force of the design.
@@ -146,7 +147,8 @@ impl Device<'_> {
         Ok(PeriodPlan { duty: self.duty.build(&design, 0)?, keep })
     }
 
-    /// Computes the state of a board at its start. `loaded`: settings in its flash. `boot`: fault of its last run.
+    /// Computes the state of a board at its start. `loaded` are the settings from its flash, and `boot` is the fault of
+    /// its last run.
     ///
     /// If settings cannot be built, or their estimator needs a sense that the board lacks, the defaults are in force.
     /// The fault is then `settings`.
@@ -181,7 +183,8 @@ impl Device<'_> {
         Ok(Start { stored, source, control, safety, period, current, fault })
     }
 
-    /// A hit with these settings and the return move before it. `early`: give the verdict as soon as it is certain.
+    /// Plans a hit with these settings, and the return move before it. With `early` the hit gives its verdict as soon
+    /// as it is certain.
     ///
     /// # Errors
     /// Names the value that is out of range. A start at or behind the wall is out of range. A wall is also out of range
@@ -203,8 +206,8 @@ impl Device<'_> {
         Ok(HitSequencePlan { look, ..plan })
     }
 
-    /// As [`hit_sequence`](Self::hit_sequence), but without a check of the wall. So the settings of an experiment can
-    /// be changed, whatever the wall is. `hit_sequence` checks the wall when an experiment begins.
+    /// Like [`hit_sequence`](Self::hit_sequence), but it does not check the wall. So a user can change the settings of
+    /// an experiment whatever the wall is. When an experiment begins, `hit_sequence` checks the wall.
     ///
     /// # Errors
     /// Names the value that is out of range.
@@ -244,15 +247,15 @@ impl Device<'_> {
         Ok(HitSequencePlan { hit, back, duty, look })
     }
 
-    /// Thermal limits for this design. Current heats the motor. The ratio of continuous to full-scale force is a ratio
-    /// of currents. So a calibration does not change this ratio.
+    /// Thermal limits for this design. Only the current heats the motor, and the continuous force divided by full scale
+    /// is a ratio of two currents. So a calibration of the force does not change this ratio.
     fn duty_at(&self, design: &Design) -> DutySettings {
         let part = design.full_scale_n / self.design.full_scale_n;
         let continuous_force_n = self.duty.continuous_force_n * part;
         DutySettings { continuous_force_n, ..self.duty }
     }
 
-    /// A pulse train with that force, without a wall.
+    /// Plans a pulse train with this force. There must be no wall.
     ///
     /// # Errors
     /// Names the value that is out of range. A wall with a force is out of range too.
@@ -280,7 +283,7 @@ impl Device<'_> {
         })
     }
 
-    /// A calibration at that part of full scale.
+    /// Plans a calibration with this part of full scale.
     ///
     /// # Errors
     /// The force is too large.
@@ -295,7 +298,7 @@ impl Device<'_> {
     /// Settings of a board without saved settings.
     pub fn defaults(&self) -> Stored {
         let HitSettings { push_n, settle_s, window_s, rms_limit_m } = self.hit;
-        // As much of the hit as the motor can bear, less 1 % for rounding.
+        // The hit is shortened to what the motor can bear. 1 % is left for rounding.
         let longest_s = 0.99 * self.duty.longest_hit_s(&self.design);
         let part = f64::min(1.0, longest_s / (settle_s + window_s));
         Stored {
@@ -315,8 +318,8 @@ impl Device<'_> {
         }
     }
 
-    /// Why the board cannot run these settings, although they are within their ranges: a missing sense, or the output
-    /// period.
+    /// Says why the board cannot run these settings, although each is within its range. The board may lack a sense that
+    /// the estimator needs, or the output period may not fit.
     pub fn unfit(&self, stored: &Stored) -> Option<Unfit> {
         let (estimator, period) = (stored.settings.velocity.name(), stored.period);
         if !PERIODS.contains(&period) {
@@ -326,7 +329,7 @@ impl Device<'_> {
         missing.or(leaves_time(estimator, period).err().map(Unfit::TooSlow))
     }
 
-    /// These settings in integers.
+    /// Converts these settings to integers.
     ///
     /// # Errors
     /// Names the value that is out of range.
@@ -340,8 +343,8 @@ impl Device<'_> {
         let design = self.designs.number_of(velocity);
         Key {
             estimator: velocity.name(),
-            // An envelope table is valid for a design, or for the default values of the further parameters. Nothing is
-            // known about other values.
+            // A table of the envelope is valid either for a design, or for an estimator whose further parameters have
+            // their defaults. About other values nothing is known, so the key gets a cutoff that equals none.
             cutoff_hz: match design > 0 || velocity.differs_by_tuning_only() {
                 false => f64::NAN,
                 true => velocity.tuning().map_or(0.0, |(_, value)| value),
@@ -361,7 +364,7 @@ impl Device<'_> {
         self.envelope.allows(&self.key(stored), k, b)
     }
 
-    /// The order to put these settings in force.
+    /// Makes the order that puts these settings in force.
     ///
     /// # Errors
     /// Names the value that is out of range.

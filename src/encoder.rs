@@ -1,4 +1,5 @@
-//! Encoder counter to [`Position`]: the first stage, run for every sample.
+//! Turns the count of the encoder into a [`Position`]. This is the first stage of the loop, and it runs for every
+//! sample.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -11,7 +12,7 @@ use crate::units::Position;
 pub enum CounterWidth {
     /// A 16-bit timer. The handle must move less than 2^15 counts between two samples.
     Bits16,
-    /// A 32-bit timer (TIM2, TIM5), and the simulator.
+    /// A 32-bit timer, such as TIM2 or TIM5. The simulator uses it too.
     Bits32,
 }
 
@@ -46,7 +47,7 @@ impl Width for Bits32 {
 #[derive(Clone, Copy, Debug)]
 pub struct Encoder<W = CounterWidth> {
     width: W,
-    /// The last reading, unwrapped.
+    /// The last reading, in 32 bits also for a narrow counter.
     count: u32,
     position: Position,
     /// The count at position 0.
@@ -54,7 +55,7 @@ pub struct Encoder<W = CounterWidth> {
 }
 
 impl<W: Width> Encoder<W> {
-    /// An encoder whose counter reads `counter` now. Its position is this reading as a signed number.
+    /// Begins with a counter that reads `counter` now. The position is this reading as a signed number.
     pub fn new(counter: u32, width: W) -> Self {
         let position = Position::from_counts(signed(counter, width));
         Self { width, count: position.counts().cast_unsigned(), position, origin: 0 }
@@ -101,8 +102,8 @@ impl<W: Width> Encoder<W> {
         self.position
     }
 
-    /// Whether the count at position 0 is unchanged. `false` if a bit of count, position or origin has flipped. Every
-    /// wall would then be at another position.
+    /// Whether the count at position 0 is unchanged. It is `false` if a bit of count, position or origin has flipped.
+    /// Then every wall would be at another place.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.count.wrapping_add_signed(self.position.counts().wrapping_neg()) == self.origin
@@ -117,7 +118,7 @@ pub(crate) struct Moves<W> {
 }
 
 impl<W: Width> Moves<W> {
-    /// Counts from the last reading to this reading. Negative: backwards.
+    /// Counts from the last reading to this reading. They are negative for a motion backwards.
     #[inline(always)]
     pub(crate) fn to(&mut self, counter: i32) -> i32 {
         let moved = signed(counter.cast_unsigned().wrapping_sub(self.count), self.width);
@@ -133,7 +134,7 @@ impl<W> Encoder<W> {
     }
 }
 
-/// A reading as a signed number. Only the lower half of a narrow counter's reading is used.
+/// Returns a reading as a signed number. For a counter of 16 bits only the lower half is used.
 #[inline]
 fn signed(value: u32, width: impl Width) -> i32 {
     if width.value() == CounterWidth::Bits16 {

@@ -2,9 +2,9 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-/// A factor >= 0: `mantissa * 2^-shift`. The mantissa is normalised: 2^30 <= mantissa < 2^31, or 0. A negative shift is
-/// a left shift. A left shift is needed if one count of penetration gives many full scales: with a coarse encoder and a
-/// weak motor.
+/// A factor >= 0. Its value is `mantissa * 2^-shift`. The mantissa is normalised: 2^30 <= mantissa < 2^31, or 0. A
+/// negative shift is a left shift. With a coarse encoder and a weak motor, one count of penetration may demand many
+/// times full scale. Such a gain needs a left shift.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gain {
     mantissa: i32,
@@ -12,7 +12,7 @@ pub struct Gain {
 }
 
 impl Gain {
-    /// Largest magnitude of [`apply`](Self::apply). The sum of two such products does not overflow.
+    /// Largest magnitude that [`apply`](Self::apply) returns. The sum of two such products does not overflow.
     pub const PRODUCT_LIMIT: i64 = 1 << 61;
     /// A right shift by more than this would lose the mantissa's normalisation.
     const SHIFT_MAX: i32 = 62;
@@ -45,12 +45,12 @@ impl Gain {
         Some(Self { mantissa: mantissa as i32, shift: shift as i8 })
     }
 
-    /// 2^30 to 2^31, or 0.
+    /// The mantissa. It lies from 2^30 to below 2^31, or is 0.
     pub const fn mantissa(self) -> i32 {
         self.mantissa
     }
 
-    /// Bits by which a product with the mantissa is shifted right. Negative: to the left.
+    /// Number of bits by which a product with the mantissa is shifted right. A negative number shifts left.
     pub const fn shift(self) -> i8 {
         self.shift
     }
@@ -60,7 +60,8 @@ impl Gain {
         libm::scalbn(f64::from(self.mantissa), -i32::from(self.shift))
     }
 
-    /// `value` times the gain, rounded to nearest, saturating at +-[`PRODUCT_LIMIT`](Self::PRODUCT_LIMIT).
+    /// Multiplies `value` by the gain. The product is rounded to nearest and limited to
+    /// +-[`PRODUCT_LIMIT`](Self::PRODUCT_LIMIT).
     #[inline]
     pub fn apply(self, value: i32) -> i64 {
         let product = i64::from(self.mantissa) * i64::from(value); // at most 2^62
@@ -74,11 +75,11 @@ impl Gain {
         }
     }
 
-    /// As [`apply`](Self::apply), for a wider value.
+    /// Like [`apply`](Self::apply), but for a value of 64 bits.
     #[inline]
     pub(crate) fn apply_wide(self, value: i64) -> i64 {
         if self.shift < 1 {
-            // a gain of 2^30 and more: a value that needs more than 32 bits saturates anyway
+            // The gain is 2^30 or more here. With a value of more than 32 bits the product reaches its limit anyway.
             let narrow = value.clamp(i64::from(i32::MIN), i64::from(i32::MAX));
             #[expect(clippy::cast_possible_truncation, reason = "clamped in the line above")]
             return self.apply(narrow as i32);
@@ -121,7 +122,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The required relative error is 2^-20. The format is far more precise.
+    /// Largest relative error of a gain. Only 2^-20 is needed, so the format is far more precise than that.
     const RELATIVE_ERROR_MAX: f64 = 1.0 / (1u64 << 31) as f64;
 
     #[test]
@@ -163,7 +164,7 @@ mod tests {
             let limit = Gain::PRODUCT_LIMIT as f64;
             let exact = (gain.as_f64() * f64::from(value)).clamp(-limit, limit);
             let error = gain.apply(value) as f64 - exact;
-            // above 2^53 the reference itself rounds
+            // Above 2^53 the reference in `f64` itself rounds.
             prop_assert!(error.abs() <= 0.5 + exact.abs() * f64::EPSILON, "{error}");
         }
     }

@@ -27,25 +27,26 @@ use crate::{
 /// The seal of an image that is not sealed.
 pub const UNSEALED: u32 = u32::MAX;
 
-/// Words that `idle` reads each time that it wakes. `idle` wakes at least every 0.1 ms, so it reads 256 KiB in a tenth
-/// of a second. A flip just behind the read position is found by the end of the next pass.
+/// Words that `idle` reads each time that it wakes. A slice has 64 words, which are 256 bytes. `idle` wakes at least
+/// every 0.1 ms, so it reads at least 2.56 MB/s. For an image of 256 KiB a pass takes a tenth of a second. A bit that
+/// flips just behind the read position is found at the end of the next pass.
 pub const SLICE: usize = 64;
 
-/// Longest time from the end of one pass to the end of the next, samples: 0.5 s. A pass takes a fifth of this time,
-/// also while a host sends without a pause.
+/// The longest allowed time from the end of one pass to the end of the next, in samples. It is 0.5 s. A pass takes a
+/// fifth of this time, even while a host sends without a pause.
 pub const LONGEST: u32 = 500 * SAMPLES_PER_MS;
 
-/// Sum of the two CRCs of an intact pass. One CRC covers the image and its stored checksum. The second CRC covers the
-/// record and its stored checksum.
+/// The sum of the two CRCs of a pass if nothing is wrong. The first CRC covers the image and its stored checksum, the
+/// second the record and its stored checksum.
 pub const RIGHT: u32 = RESIDUE.wrapping_mul(2);
 
-/// Parts of an image, without its seal.
+/// Number of parts of an image, without its seal.
 const PARTS: usize = 4;
 
 /// An image in flash.
 #[derive(Clone, Copy, Debug)]
 pub struct Image<'a> {
-    /// Vectors, code, constants, data that is copied to RAM.
+    /// The four parts: vectors, code, constants, and the data that is copied to RAM.
     pub parts: [&'a [u32]; PARTS],
     /// Expected checksum of the parts.
     pub seal: &'a [u32; 1],
@@ -56,7 +57,7 @@ pub struct Image<'a> {
 pub enum BadImage {
     /// The image has no checksum.
     Unsealed,
-    /// The image differs from the sealed image: its checksum is wrong.
+    /// The checksum is wrong, so the image differs from the image that was sealed.
     Damaged,
 }
 
@@ -100,9 +101,9 @@ impl core::error::Error for BadImage {}
 
 /// Checks image and device record in slices, again and again.
 pub struct Pass<'a> {
-    /// Parts to check: parts of the image, its seal, the record.
+    /// What is checked, in this order: the parts of the image, its seal, the record.
     parts: [&'a [u32]; PARTS + 2],
-    /// Number of the part that is being read. The next field: the rest of this part.
+    /// Number of the part that is being read. `rest` are the words of this part that are still to be read.
     part: usize,
     rest: &'a [u32],
     sum: Sum,
@@ -111,7 +112,7 @@ pub struct Pass<'a> {
 }
 
 impl<'a> Pass<'a> {
-    /// A pass from the beginning of this image and this record. The record's last word is its checksum.
+    /// Begins a pass over this image and this record. The last word of the record is its checksum.
     pub const fn new(image: &Image<'a>, record: &'a [u32]) -> Self {
         let [vectors, code, constants, variables] = image.parts;
         let parts = [vectors, code, constants, variables, image.seal.as_slice(), record];
@@ -145,17 +146,17 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// Checks that passes end in time. Checks with the sum over all passes that no pass was wrong.
+/// Checks that passes end in time, and that no pass was wrong. For this it uses the sum over all passes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PassWatch {
     sum: u32,
-    /// Sample at the end of the last pass, low 32 bits.
+    /// Low 32 bits of the sample's number at the end of the last pass.
     ended: u32,
 }
 
 impl PassWatch {
-    /// Whether something is wrong: the last pass was wrong, or no pass has ended for too long. `sample`: the present
-    /// sample. `sum`: the sum over all passes.
+    /// Whether the last pass was wrong, or no pass has ended for too long. `sample` is the number of the present
+    /// sample, and `sum` the sum over all passes.
     pub fn is_wrong(&mut self, sample: u32, sum: u32) -> bool {
         if sum == self.sum.wrapping_add(RIGHT) {
             *self = Self { sum, ended: sample };
@@ -170,7 +171,8 @@ mod tests {
     use crate::crc;
     use std::{string::ToString, vec, vec::Vec};
 
-    /// Parts with other lengths than slices, one of them empty, and their correct seal.
+    /// Parts of an image, and their correct seal. The lengths of the parts are no multiples of a slice, and one part is
+    /// empty.
     fn parts() -> ([Vec<u32>; PARTS], u32) {
         let of = |length: u32, seed: u32| (0..length).map(|n| seed.wrapping_mul(n + 1)).collect();
         let parts = [of(98, 0x9E37_79B9), of(1_003, 77), of(240, 0xDEAD_BEEF), vec![]];

@@ -1,5 +1,5 @@
 //! The firmware: the tasks, their times and the data that each task owns. There is no arithmetic here. The control core
-//! is the library of this package, the hardware is [`board`], the tasks' work is in [`task`].
+//! is the library of this package. The hardware is in [`board`], and the work of the tasks is in [`task`].
 //!
 //! | task        | rate                   | priority | does                                           |
 //! |-------------|------------------------|----------|------------------------------------------------|
@@ -44,8 +44,8 @@ mod app {
         idle: task::Idle,
     }
 
-    /// Outputs are off by reset and stay off. The samples start with `idle`, when all tasks exist and interrupts are
-    /// on.
+    /// The reset has switched all outputs off, and they stay off here. The samples start with `idle`, when all tasks
+    /// exist and interrupts are on.
     #[init(local = [queues: task::Queues = task::Queues::new()])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let board = board::take(cx.device, cx.core);

@@ -1,4 +1,5 @@
-//! A time-domain passivity controller: a wall that cannot give more energy than a reserve.
+//! A time-domain passivity controller. It limits the wall's force so that the wall cannot give more energy than a
+//! reserve.
 //!
 //! At each output it computes the most energy that the wall's force can give until the next force replaces it. The
 //! account of the contact ([`PortEnergy`]) and the reserve must cover this energy. The controller allows at most half
@@ -17,9 +18,9 @@
 //! `change_2` is `a P (P + l)`. Both include two more counts for the quantisation.
 //!
 //! **The guarantee.** While the handle accelerates by at most a, the wall gives in each contact at most the reserve.
-//! Each output at which the account was spent adds at most 2^-21 of the reserve. This limit is valid for anything at
-//! the port and for any error of the estimator. The energy that the old force may give is set aside before the new
-//! force is granted. The new force gives at most half of the rest.
+//! Each output at which the account was spent adds at most 2^-21 of the reserve. This holds whatever touches the
+//! handle, and for any error of the estimator. The energy that the old force may give is set aside before the new force
+//! is granted. The new force gives at most half of the rest.
 //!
 //! If the handle accelerates more, the wall may give more energy: its force times the excess of motion. The account
 //! forgives this energy. A spent account still allows a least force, so that the account recovers: a handle that is
@@ -41,20 +42,20 @@ use crate::{
     units::{Force, Position},
 };
 
-/// The controller in SI units.
+/// Settings of the controller, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PassivitySettings {
     /// Largest acceleration of the handle, m/s^2, by motor, hand and wall together.
     pub acceleration_m_per_s2: f64,
-    /// Time from a sample to the force of its output, samples: 0 to the period.
+    /// Time from a sample to the force of its output, in samples. It is at least 0 and at most the period.
     pub latency: u32,
 }
 
-/// Largest change of motion between two outputs, counts.
+/// The largest allowed value of `change_2`, in counts.
 const CHANGE_MAX: f64 = 1_048_576.0;
 
 impl PassivitySettings {
-    /// Validates, and converts to counts.
+    /// Checks the settings, and converts them to counts.
     ///
     /// # Errors
     /// Names the first parameter that is out of range, and the range.
@@ -63,7 +64,7 @@ impl PassivitySettings {
         design.check()?;
         let (period, latency) = (f64::from(design.period), f64::from(self.latency));
         within("latency", latency, 0.0..=period)?;
-        // counts per sample^2 in a m/s^2
+        // Converts m/s^2 to counts per sample^2.
         let per_a = 1.0 / (design.rate_hz * design.rate_hz * design.resolution_m);
         let most = CHANGE_MAX / (per_a * period * (period + latency));
         within("acceleration_m_per_s2", self.acceleration_m_per_s2, LEAST_M_PER_S2..=most)?;
@@ -84,9 +85,9 @@ impl PassivitySettings {
     }
 }
 
-/// Binary places of an acceleration in counts per sample^2.
+/// Number of binary places of an acceleration in counts per sample^2.
 const ACCELERATION_BITS: i32 = 32;
-/// The least acceleration, m/s^2.
+/// The least acceleration, in m/s^2.
 const LEAST_M_PER_S2: f64 = 1e-6;
 
 /// The controller in counts. Made by [`PassivitySettings::build`].
@@ -96,13 +97,14 @@ pub struct Passivity {
     acceleration: u64,
     latency: u32,
     period: NonZeroU32,
-    /// Most counts by which the motion may change from the motion before the last output. First: before the new force
-    /// acts. Second: while it acts.
+    /// `change_1` and `change_2` of the module's equations: the most counts by which the motion may differ from the
+    /// motion before the last output. The first is for the time before the new force acts, the second for the time
+    /// while it acts.
     changes: [i32; 2],
 }
 
 impl Passivity {
-    /// This controller with an output each `period` samples. `period` must be at least the latency.
+    /// Returns this controller for an output every `period` samples. `period` must be at least the latency.
     #[must_use]
     pub fn at(self, period: u32) -> Self {
         let period = NonZeroU32::new(period).unwrap_or(NonZeroU32::MIN);
@@ -116,12 +118,12 @@ impl Passivity {
         Self { period, changes: [counts((l * (p + l)).div_ceil(2)), counts(p * (p + l))], ..self }
     }
 
-    /// Most counts by which the motion may change while the new force acts.
+    /// The most counts by which the motion may change while the new force acts.
     pub fn change(&self) -> i32 {
         self.changes[1]
     }
 
-    /// Most energy that a contact may give before its account is [spent](SPENT), LSB of force times counts.
+    /// The most energy that a contact may give before its account is [spent](SPENT), in LSB of force times counts.
     pub fn reserve(&self) -> i64 {
         let [before, after] = self.changes.map(i64::from);
         let meanwhile = if self.latency > 0 { before + 1 } else { 0 };
@@ -129,7 +131,7 @@ impl Passivity {
     }
 }
 
-/// Energy account of a wall's port from output to output, and the further state of the passivity controller.
+/// State of the passivity controller from output to output. Its main part is the energy account of the port.
 #[derive(Clone, Copy, Debug)]
 pub struct PassiveWall {
     port: PortEnergy,
@@ -137,13 +139,14 @@ pub struct PassiveWall {
     last: Position,
     /// Energy that the contact has given beyond the reserve, LSB of force times counts.
     forgiven: i64,
-    /// Wall force that does not act yet, and whether its output was in contact. The force acts when `wait` reaches 0.
+    /// The wall's force that does not act yet, and whether its output was in contact. The force acts when `wait`, a
+    /// number of samples, reaches 0.
     pending: (i64, bool),
     wait: u32,
 }
 
 impl PassiveWall {
-    /// No wall acts on the handle. The handle is at `position`.
+    /// Begins with the handle at `position`, when no wall acts on it.
     pub const fn new(position: Position) -> Self {
         let port = PortEnergy::new(position);
         Self { port, last: position, forgiven: 0, pending: (0, false), wait: 0 }
@@ -179,8 +182,8 @@ impl PassiveWall {
         given
     }
 
-    /// The allowed force if the wall demands the force `wants`. Both are in LSB, positive out of the wall, at most two
-    /// full scales.
+    /// Returns the allowed force if the wall demands the force `wants`. Both are in LSB, positive out of the wall, and
+    /// at most two full scales.
     #[inline]
     pub fn limit(
         &mut self,
@@ -203,13 +206,13 @@ impl PassiveWall {
         let energy = if fresh { 0 } else { port.energy().saturating_add(self.forgiven) };
         let left = energy.saturating_add(reserve).saturating_sub(self.committed(plan, d));
         let left = left.max(reserve >> SPENT);
-        // positive: out of the wall, for a wall that pushes
+        // Motion in the direction of the force. For a wall that pushes, this is out of the wall.
         let along = if wants < 0 { d } else { -d };
         let worst = (along + i64::from(plan.changes[1])).clamp(1, MOTION_MAX.into());
         within_budget(wants, left, worst)
     }
 
-    /// At each output: takes the wall's force, which acts `latency` samples later.
+    /// Notes the wall's force of an output. It acts `latency` samples later. Call this at each output.
     #[inline]
     pub fn gives(&mut self, latency: u32, wall: i64, contact: bool, position: Position) {
         self.last = position;
@@ -221,7 +224,7 @@ impl PassiveWall {
         }
     }
 
-    /// From now on the present place of the handle is called `position`.
+    /// Gives the present place of the handle the new position `position`, after a command `zero`.
     #[inline]
     pub fn rename(&mut self, position: Position) {
         self.last = position;
@@ -234,7 +237,7 @@ impl PassiveWall {
         self.port.forget();
     }
 
-    /// Most energy that the present force can give before the next force acts, LSB of force times counts.
+    /// The most energy that the present force can give before the next force acts, in LSB of force times counts.
     fn committed(&self, plan: &Passivity, d: i64) -> i64 {
         let Passivity { changes: [change, _], latency, period, .. } = *plan;
         let wall = self.port.wall();
@@ -248,15 +251,15 @@ impl PassiveWall {
     }
 }
 
-/// Binary places: an account below 2^-20 of the reserve is spent, and is treated as 2^-20 of the reserve. An output
-/// then gives at most half of this energy. Without this rule, a wall with an exactly spent account would give no force
-/// for the rest of the contact.
+/// An account below 2^-`SPENT` of the reserve counts as spent. It is then treated as if it had this much, and an output
+/// gives at most half of it. Without this rule, a wall with an exactly spent account would give no force for the rest
+/// of the contact.
 pub const SPENT: u32 = 20;
 
-/// Largest motion, counts: products with two full scales stay below 2^62.
+/// The largest motion that is used, in counts. With it, products with two full scales stay below 2^62.
 const MOTION_MAX: i32 = 1 << 29;
 
-/// The force nearest to `wants` that gives at most half of `left` over `worst` counts.
+/// Returns the force nearest to `wants` with which a motion of `worst` counts gives at most half of the energy `left`.
 #[inline]
 fn within_budget(wants: i64, left: i64, worst: i64) -> i64 {
     let most = 2 * worst;
@@ -290,7 +293,7 @@ mod tests {
 
     #[test]
     fn settings_become_counts() {
-        // 28 m/s^2 at 1 um and 10 kHz: 0.28 counts per sample^2
+        // With counts of 1 um and samples at 10 kHz, 28 m/s^2 are 0.28 counts per sample^2.
         assert_eq!(plan(28.0, 10, 10).changes, [28 + 3, 56 + 3]);
         assert_eq!(plan(28.0, 0, 10).changes, [0, 28 + 3]);
         assert_eq!(plan(28.0, 0, 10).reserve(), 62 << 30);
@@ -334,8 +337,8 @@ mod tests {
         assert_eq!(wall.port().wall(), FULL);
     }
 
-    /// A handle that is pushed in finds a wall again, for any cause of the spent account, such as a blow that
-    /// accelerates more than stated.
+    /// A handle that is pushed in finds a wall again, whatever has spent the account. A cause may be a blow with more
+    /// than the stated acceleration.
     #[test]
     fn a_spent_account_recovers_with_the_way_in() {
         let (plan, mut wall) = (plan(28.0, 0, 10), PassiveWall::new(at(0)));
@@ -390,7 +393,7 @@ mod tests {
     }
 
     proptest! {
-        /// For any forces of the wall and any motion within the stated acceleration.
+        /// Tries any forces of the wall, and any motion within the stated acceleration.
         #[test]
         fn no_contact_gives_more_than_the_reserve(
             acceleration in 1.0..200.0f64,
@@ -411,7 +414,7 @@ mod tests {
                 wall.sample(position);
                 if until_due == 0 {
                     outputs += 1;
-                    // worst case: it pushes when it comes out and pulls when it goes in
+                    // The worst wall pushes while the handle comes out, and pulls while it goes in.
                     let wants = match wants[outputs as usize % wants.len()] {
                         _ if hard && speed < 0.0 => 2 * FULL,
                         _ if hard => -2 * FULL,

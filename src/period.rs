@@ -4,8 +4,8 @@ use core::fmt;
 
 use crate::velocity::EstimatorName;
 
-/// Longest time from output to output with force on, us. It is longer than two of the longest output periods. It is
-/// shorter than 3 ms, within which the force must be off.
+/// The longest time from output to output while the force is on, in us. It is longer than two of the longest output
+/// periods. It is shorter than 3 ms, because within 3 ms the force must be off.
 pub const OUTPUT_WATCHDOG_US: u32 = 2500;
 
 /// Samples per output that a board can be set to.
@@ -14,23 +14,26 @@ pub const PERIODS: [u32; 4] = [1, 2, 5, 10];
 /// Samples in a millisecond of every board.
 pub const SAMPLES_PER_MS: u32 = 10;
 
-/// Outputs in a millisecond; 1 if the outputs are farther apart.
+/// Number of outputs in a millisecond. It is 1 if the outputs are farther apart.
 pub fn outputs_per_ms(period: u32) -> u32 {
     SAMPLES_PER_MS.checked_div(period).unwrap_or_default().max(1)
 }
 
-/// Core cycles of a sample on the slowest board, 168 MHz.
+/// Core cycles from one sample to the next on the slowest board, which runs at 168 MHz.
 const SAMPLE: u32 = 16_800;
-/// Core cycles of a sample at period 1 (an output each sample): handler, guard and hand-over, but not the estimator.
+/// Core cycles that the task `sample` takes at period 1, with an output at every sample. They include handler, guard
+/// and hand-over, but not the estimator.
 pub const GUARD: u32 = 220;
-/// Core cycles of a `render` with no order or a small one. Large orders are not given while the logger writes.
+/// Core cycles that the task `render` takes without an order or with a small one. Large orders are not given while the
+/// logger writes.
 const RENDER: u32 = 3_600;
-/// Most core cycles by which the logger delays `render`. The cycles of a sample during the delay are not included.
+/// The most core cycles by which the logger delays the task `render`. The cycles that samples take during this delay
+/// are not included.
 const MASK: u32 = 8_600;
 
-/// Cycles per sample that the longest update of an estimator may take. The time between two outputs is reduced by a
-/// fifth for wait states, and by a `render` that the logger has delayed. The rest is divided by the number of samples.
-/// Then [`GUARD`] is subtracted.
+/// Number of core cycles that an estimator's longest update may take. It is (`between` / `period`) - [`GUARD`].
+/// `between` are the cycles between two outputs, less a fifth for wait states, and less a `render` that the logger has
+/// delayed.
 pub const fn cycles_allowed(period: u32) -> u32 {
     let between = period.saturating_mul(SAMPLE / 5 * 4).saturating_sub(MASK + RENDER);
     match between.checked_div(period) {
@@ -50,7 +53,7 @@ pub const SLOW: [(&str, u32); 6] = [
     ("window-difference", 3025),
 ];
 
-/// An estimator that leaves no time for an output period.
+/// An error: an estimator takes so long that an output period is too short.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TooSlow {
     /// Estimator that takes too long.

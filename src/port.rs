@@ -1,16 +1,17 @@
-//! The energy that the wall's force and the motion of the counts exchange at the port. This is a passivity observer
-//! (Hannaford and Ryu, "Time-domain passivity control of haptic interfaces", IEEE Trans. Robotics and Automation 18(1),
-//! 2002).
+//! The energy that wall and hand exchange at the handle, computed from the wall's force and the motion of the counts.
+//! This is a passivity observer (Hannaford and Ryu, "Time-domain passivity control of haptic interfaces", IEEE Trans.
+//! Robotics and Automation 18(1), 2002).
 //!
 //! ```text
 //! energy += wall (position - at)        wall: its force out of the wall, from the output on with which it acts
 //! ```
 //!
 //! The force is constant between two changes, so the sum is exact for every motion of the counts. The account begins
-//! anew with each contact, at the first output behind the surface. Positive: the wall has taken energy from the hand.
-//! Negative: the wall has given more energy than it has taken. No spring and no damper can do that.
+//! anew with each contact, at the first output behind the surface. A positive energy was taken from the hand. If it is
+//! negative, the wall has given more energy than it has taken, which no real spring or damper can do.
 //!
-//! The unit is an LSB of [`Force`](crate::units::Force) times a count: `full scale / 2^30 * resolution` is J.
+//! The unit is an LSB of [`Force`](crate::units::Force) times a count. With full scale in N and the resolution in m, it
+//! is `full scale / 2^30 * resolution` J.
 //!
 //! The account leaves out three things:
 //! * motion within a count (at each output at most a change of force times a count);
@@ -24,31 +25,31 @@ use crate::units::Position;
 /// The energy account of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortEnergy {
-    /// Force of the wall that acts, LSB of force.
+    /// The wall's force that acts at present, in LSB of force.
     wall: i64,
     /// Whether the output of this force was in contact.
     contact: bool,
     /// Position up to which the motion is in the account.
     at: Position,
-    /// Energy of this contact, LSB of force times counts.
+    /// Energy of this contact, in LSB of force times counts.
     energy: i64,
-    /// The largest deficit of any contact, LSB of force times counts.
+    /// The largest energy that any contact has given in excess of what it had taken, in LSB of force times counts.
     given: i64,
 }
 
 impl PortEnergy {
-    /// No wall acts on the handle. The handle is at `position`.
+    /// Begins with the handle at `position`, when no wall acts on it.
     pub const fn new(position: Position) -> Self {
         Self { wall: 0, contact: false, at: position, energy: 0, given: 0 }
     }
 
-    /// The account after an output that reported this `energy`.
+    /// Continues an account after an output that reported this `energy`.
     pub const fn resumed(wall: i64, contact: bool, position: Position, energy: i64) -> Self {
         Self { wall, contact, at: position, energy, given: 0 }
     }
 
-    /// The wall's force changes to `wall` at this position. `wall`: LSB of force, positive out of the wall, at most two
-    /// full scales. `contact`: whether its output was in contact.
+    /// Notes that the wall's force changes to `wall` at this position. `wall` is in LSB of force, positive out of the
+    /// wall, and at most two full scales. `contact` says whether its output was in contact.
     #[inline]
     pub fn acts(&mut self, wall: i64, contact: bool, position: Position) {
         self.moved(position);
@@ -67,13 +68,14 @@ impl PortEnergy {
         self.given = self.given.max(self.energy.saturating_neg());
     }
 
-    /// From now on the present place of the handle is called `position`. This change is no motion for the account.
+    /// Gives the present place of the handle the new position `position`, after a command `zero`. The account does not
+    /// count this as motion.
     #[inline]
     pub const fn rename(&mut self, position: Position) {
         self.at = position;
     }
 
-    /// Force of the wall that acts, LSB of force.
+    /// The wall's force that acts at present, in LSB of force.
     #[inline]
     pub const fn wall(&self) -> i64 {
         self.wall
@@ -91,13 +93,13 @@ impl PortEnergy {
         Exchanged { energy: self.energy, given: self.given }
     }
 
-    /// Energy that the wall has taken in this or the last contact. Negative: it has given energy.
+    /// Energy that the wall has taken in this contact, or in the last one. It is negative if the wall has given energy.
     #[inline]
     pub const fn energy(&self) -> i64 {
         self.energy
     }
 
-    /// Largest net energy given at any time in any contact since [`forget`](Self::forget).
+    /// The largest net energy that the wall had given at any time of any contact since [`forget`](Self::forget).
     #[inline]
     pub const fn given(&self) -> i64 {
         self.given
@@ -113,12 +115,12 @@ impl PortEnergy {
     }
 }
 
-/// Energies of an account, LSB of force times counts.
+/// Energies of an account, in LSB of force times counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Exchanged {
-    /// Energy taken, [`PortEnergy::energy`]. Negative: energy was given.
+    /// Energy that the wall has taken, see [`PortEnergy::energy`]. It is negative if the wall has given energy.
     pub energy: i64,
-    /// Most energy given, [`PortEnergy::given`]. Never negative.
+    /// The largest energy that the wall has given, see [`PortEnergy::given`]. It is never negative.
     pub given: i64,
 }
 
@@ -135,11 +137,11 @@ mod tests {
     #[test]
     fn a_spring_gives_back_what_it_took_and_a_late_one_more() {
         let mut port = PortEnergy::new(at(0));
-        // in by steps of ten, and out again; each force belongs to the beginning of its step
+        // The handle moves in by steps of ten counts, and out again. The force of each step is that of its beginning.
         for place in (0..100).step_by(10).chain((0..=100).rev().step_by(10)) {
             port.acts(i64::from(place) * 1000, true, at(place));
         }
-        // in: the sum of 10 n 1000 10, n from 0 to 9; out: of 10 n 1000 10, n from 10 to 1
+        // Each step n exchanges (10 n 1000) * 10. On the way in n goes from 0 to 9, on the way out from 10 to 1.
         assert_eq!(port.energy(), 1000 * 100 * (45 - 55));
         assert_eq!(port.given(), 1000 * 1000);
     }

@@ -1,4 +1,5 @@
-//! Allowed ranges, their check, and the error that names the parameter and the range.
+//! The allowed ranges of the settings. A check of a value against its range gives an error with the parameter's name
+//! and the range.
 
 use core::{fmt, ops::RangeInclusive};
 
@@ -6,17 +7,17 @@ use core::{fmt, ops::RangeInclusive};
 pub mod limits {
     use core::ops::RangeInclusive;
 
-    /// Samples of the control per second, Hz.
+    /// Rate of the samples, in Hz.
     pub const RATE_HZ: RangeInclusive<f64> = 1e3..=5e4;
     /// Encoder resolution, m per count.
     pub const RESOLUTION_M: RangeInclusive<f64> = 1e-8..=1e-3;
-    /// Force at full command, N.
+    /// Force at full command, in N.
     pub const FULL_SCALE_N: RangeInclusive<f64> = 1e-3..=1e5;
     /// Samples from output to output.
     pub const PERIOD: RangeInclusive<u32> = 1..=1000;
-    /// Wall stiffness K, N/m.
+    /// Wall stiffness K, in N/m.
     pub const STIFFNESS_N_PER_M: RangeInclusive<f64> = 0.0..=1e7;
-    /// Wall damping B, N s/m.
+    /// Wall damping B, in N s/m.
     pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e4;
     /// Samples before the window of a hit, and samples in the window.
     pub const PHASE_SAMPLES: RangeInclusive<u32> = 1..=1 << 24;
@@ -27,7 +28,8 @@ pub mod limits {
 /// A parameter that is out of range.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SettingsError {
-    /// Its name, as in [`Settings`](crate::Settings), [`Design`](crate::Design) or [`HitSettings`](crate::HitSettings).
+    /// Name of the parameter. It is the name of a field, for example of [`Settings`](crate::Settings),
+    /// [`Design`](crate::Design) or [`HitSettings`](crate::HitSettings).
     pub parameter: &'static str,
     /// The refused value.
     pub value: f64,
@@ -42,8 +44,8 @@ impl fmt::Display for SettingsError {
     }
 }
 
-/// The ends of a range for people. They are rounded to few digits, but never outwards. So the board accepts both ends
-/// when a person types them.
+/// The ends of a range, as they are shown to people. They are rounded to few digits, but never to the outside of the
+/// range. So the board accepts both ends when a person types them.
 pub fn ends(range: &RangeInclusive<f64>) -> [f64; 2] {
     [(*range.start(), 1.0), (*range.end(), -1.0)].map(|(end, inwards)| {
         let short = [0.0, inwards].map(|digits| shortened(end, digits));
@@ -56,7 +58,7 @@ pub fn shorten(value: f64) -> f64 {
     shortened(value, 0.0)
 }
 
-/// `value` rounded to nine digits, with `moved` added to the last digit.
+/// Rounds `value` to nine digits, and adds `moved` to the last digit.
 fn shortened(value: f64, moved: f64) -> f64 {
     const DIGITS: f64 = 9.0;
     if value == 0.0 || !value.is_finite() {
@@ -74,7 +76,7 @@ fn shortened(value: f64, moved: f64) -> f64 {
 
 impl core::error::Error for SettingsError {}
 
-/// `value` if it lies in `range`. NaN lies in no range.
+/// Returns `value` if it lies in `range`. NaN lies in no range.
 ///
 /// # Errors
 /// Names the parameter and the range.

@@ -1,4 +1,4 @@
-//! The self-test of a board with the force off, and the right results.
+//! The parts of a board's self-test, which runs with the force off, and the results that pass.
 //!
 //! A board measures part by part ([`SelfTest`](crate::contract::SelfTest)). This module judges and prints the numbers.
 
@@ -9,21 +9,21 @@ use crate::{image::UNSEALED, period::OUTPUT_WATCHDOG_US};
 /// A part of the self-test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// The chip, compared with the chip that the image is for.
+    /// Whether the chip is the chip that the image is for.
     Chip,
     /// Whether the brown-out reset is on.
     BrownOutReset,
     /// Vector table and flash.
     Image,
-    /// The pin of enable, by the program and by the emergency stop.
+    /// Whether program and emergency stop control the pin of enable.
     Enable,
     /// The time after which enable is switched off without outputs.
     OutputWatchdog,
     /// The force output, compared with its codes.
     Output,
-    /// The encoder's counter, fed by the board itself.
+    /// The encoder's counter. The board itself gives it edges.
     Encoder,
-    /// The time at which the samples read the counter.
+    /// How long after its beginning a sample reads the counter.
     Delay,
     /// The clock, compared with the watchdog's oscillator.
     Clock,
@@ -64,32 +64,32 @@ impl Part {
     }
 }
 
-/// Times at which samples read the counter, in ticks of the sample timer after its update.
+/// How long after their beginning samples read the counter. The unit is a tick of the sample timer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Delays {
-    /// Samples that were measured.
+    /// Number of samples that were measured.
     pub samples: u32,
-    /// Earliest reading, ticks.
+    /// The shortest delay, in ticks.
     pub least: u32,
-    /// Latest reading, ticks.
+    /// The longest delay, in ticks.
     pub most: u32,
-    /// Histogram of readings by their distance from the earliest. A bin has [`Self::BIN`] ticks. The last bin has the
-    /// rest.
+    /// Histogram of the delays. Bin 0 begins at the shortest delay, and each bin has [`Self::BIN`] ticks. The last bin
+    /// also counts all longer delays.
     pub bins: [u32; Self::BINS],
 }
 
 impl Delays {
-    /// Bins of the histogram.
+    /// Number of bins of the histogram.
     pub const BINS: usize = 8;
-    /// Ticks of each bin.
+    /// Width of a bin, in ticks.
     pub const BIN: u32 = 4;
-    /// Largest spread of the samples' delays, ticks: half a microsecond. Uninterruptible instructions and the entry
-    /// into the interrupt cause a smaller spread.
+    /// Largest allowed difference between the longest and the shortest delay, in ticks. It is half a microsecond.
+    /// Instructions that cannot be interrupted, and the entry into the interrupt, cause less.
     const SPREAD: u32 = 45;
-    /// Samples that are measured.
+    /// Number of samples that are measured.
     pub const SAMPLES: usize = 100;
 
-    /// Ends and histogram of these times, in ticks.
+    /// Computes shortest and longest delay and the histogram from these delays, in ticks.
     pub fn of(times: &[u32]) -> Self {
         let least = times.iter().copied().min().unwrap_or_default();
         let most = times.iter().copied().max().unwrap_or_default();
@@ -108,23 +108,23 @@ impl Delays {
 /// Result of one part of the self-test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Found {
-    /// The chip, and the expected one.
+    /// The type of the chip.
     Chip {
         /// `DEV_ID` of the chip found.
         id: u32,
         /// `DEV_ID` that the board's chip should have.
         expected: u32,
     },
-    /// Levels of the brown-out reset (`BOR_LEV`): 3 is off.
+    /// The level of the brown-out reset (`BOR_LEV`). With 3 it is off.
     BrownOutReset {
-        /// Level in the option bytes.
+        /// Level that is set in the option bytes.
         level: u32,
         /// Right level for the board's supply.
         expected: u32,
     },
     /// The image in flash.
     Image {
-        /// The first vector that leads nowhere, if there is one.
+        /// The first vector that does not point into the image, if there is one.
         bad_vector: Option<u32>,
         /// CRC-32 of all sealed words.
         crc: u32,
@@ -133,32 +133,32 @@ pub enum Found {
     },
     /// Levels of the pin of enable.
     Enable {
-        /// The emergency stop was closed.
+        /// Whether the emergency stop was closed.
         stop_closed: bool,
-        /// Level with the main output off.
+        /// Whether the pin was high with the main output off.
         off: bool,
-        /// Level with the main output on, for a few cycles at zero force.
+        /// Whether the pin was high with the main output on. It is on for a few cycles, at zero force.
         on: bool,
-        /// Level with the main output off again.
+        /// Whether the pin was high when the main output was off again.
         after: bool,
     },
-    /// Enable without outputs, at zero force.
+    /// How soon hardware switches enable off when no outputs come. The test runs at zero force.
     OutputWatchdog {
-        /// The emergency stop was closed. If it is open, enable cannot be on.
+        /// Whether the emergency stop was closed. If it is open, enable cannot be on.
         stop_closed: bool,
-        /// Microseconds until hardware switched enable off. `None`: it did not.
+        /// Microseconds until hardware switched enable off, or `None` if it did not.
         micros: Option<u32>,
     },
     /// The force output, read back.
     Output {
-        /// The code with the largest error, and its reading.
+        /// The code with the largest error, and the code that was read for it.
         worst: [u32; 2],
-        /// Largest error that passes.
+        /// Largest error that passes, in codes.
         allowed: u32,
     },
     /// Edges that the board gave to its counter by two wires, forwards and back.
     Encoder {
-        /// Edges given on each way.
+        /// Number of edges that the board gave forwards, and again back.
         sent: u32,
         /// Counts after the edges forwards.
         there: i32,
@@ -166,31 +166,31 @@ pub enum Found {
         back: i32,
         /// Edges that the board gave per second.
         rate_hz: u32,
-        /// Smallest rate that passes.
+        /// Smallest number of edges per second that passes.
         least_hz: u32,
     },
     /// Times at which samples read the counter.
     Delay(Delays),
-    /// Frequency of the watchdog's oscillator, measured by this board's clock, Hz. 0 if it does not run.
+    /// Frequency of the watchdog's oscillator, in Hz, measured with the clock of this board. It is 0 if the oscillator
+    /// does not run.
     Clock(u32),
 }
 
-/// Edges given on each way.
+/// Number of edges that the board gives forwards, and again back.
 pub const EDGES: u32 = 2000;
 
-/// Time at which the output watchdog must act, us.
+/// Time after which the output watchdog must act, in us.
 const WATCHDOG_US: core::ops::RangeInclusive<u32> =
     OUTPUT_WATCHDOG_US - OUTPUT_WATCHDOG_US / 25..=OUTPUT_WATCHDOG_US + OUTPUT_WATCHDOG_US / 25;
 
-/// Frequency of the watchdog's oscillator that the data sheets allow, Hz.
+/// Frequency of the watchdog's oscillator that the data sheets allow, in Hz.
 const OSCILLATOR_HZ: core::ops::RangeInclusive<u32> = 17_000..=47_000;
 
-/// Largest rate of edges that the processor can surely make, per second. Wait states of the flash may take half of the
-/// processor's time.
+/// Number of edges per second that the processor can surely make. Wait states of the flash may take half of its time.
 const FASTEST_HZ: f64 = 2.5e6;
 
 impl Found {
-    /// Sets the least rate that passes: the edges per second of the device's fastest believable motion.
+    /// Sets the smallest rate that passes. It is the rate of edges in the fastest believable motion of the device.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -391,7 +391,7 @@ mod tests {
             assert!(!encoder(there, back).is_right(), "{there} {back}");
         }
         says(encoder(0, 0), "fail, nothing is counted: are both wires there?");
-        // Edges as fast as the device can move, or as fast as the processor can make them.
+        // The edges must be as fast as the device can move, or at least as fast as the processor can make them.
         assert!(encoder(2000, 0).of_fastest(4_999_999.0).is_right());
         assert!(encoder(2000, 0).of_fastest(1e9).is_right());
         let slow =

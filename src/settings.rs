@@ -1,4 +1,4 @@
-//! Settings of a person in SI units, and their conversion to integers.
+//! The settings that a person makes, in SI units, and their conversion to integers.
 //!
 //! There are three types. [`Settings`] has floats, for people. [`LoopParameters`] has integers, and is immutable. Only
 //! the state of the [`Sampler`](crate::Sampler) changes with each sample. Only [`Settings::build`] refuses settings. If
@@ -27,13 +27,13 @@ pub struct Settings {
 /// The wall in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WallSettings {
-    /// Surface, m, rounded to the nearest count. The encoder's count 0 is at 0 m.
+    /// Position of the wall's surface, in m. It is rounded to the nearest count. The encoder's count 0 is at 0 m.
     pub position_m: f64,
-    /// Stiffness K of the wall, N/m.
+    /// Stiffness K of the wall, in N/m.
     pub stiffness_n_per_m: f64,
-    /// Damping B, N s/m, inside the wall only.
+    /// Damping B of the wall, in N s/m. It acts only inside the wall.
     pub damping_n_s_per_m: f64,
-    /// The wall never pulls.
+    /// Whether the wall can only push, so that it never pulls.
     pub push_only: bool,
 }
 
@@ -50,7 +50,7 @@ impl Settings {
         within("stiffness_n_per_m", wall.stiffness_n_per_m, limits::STIFFNESS_N_PER_M)?;
         within("damping_n_s_per_m", wall.damping_n_s_per_m, limits::DAMPING_N_S_PER_M)?;
         let force_lsb_per_n = f64::from(Force::FULL_SCALE.bits()) / design.full_scale_n;
-        // One LSB of velocity in SI units.
+        // One LSB of the velocity, in m/s.
         let velocity_lsb =
             design.resolution_m * design.rate_hz / f64::from(1u32 << Velocity::FRACTION_BITS);
         Ok(LoopParameters {
@@ -75,7 +75,7 @@ impl Settings {
     }
 }
 
-/// `value * lsb` as a gain.
+/// Returns `value * lsb` as a gain.
 ///
 /// # Errors
 /// The product does not fit. The error has the range that fits.

@@ -1,4 +1,4 @@
-//! The telemetry that the board sends: one record per output, and its form in bytes.
+//! The telemetry that the board sends: a record of each output, and the layout of its bytes.
 //!
 //! A frame of layout 2 has the outputs of a millisecond and the counts of all its samples. Every 100 ms a frame is a
 //! key frame. A reader that has a key frame can compute every later sample. The black box has one record per
@@ -7,7 +7,7 @@
 //!
 //! The sample index is sent with all 64 bits. An index of 32 bits would save only 4 bytes. It would wrap within a day
 //! at 50 kHz, and every reader would have to guess the upper bits. The CRC covers everything before it, including the
-//! magic bytes. Garbage that contains the magic bytes by chance passes as a frame once in 2^32 times.
+//! magic bytes. If garbage contains the magic bytes by chance, its CRC is right only once in 2^32 times.
 
 mod decoder;
 mod parts;
@@ -27,39 +27,40 @@ use crate::{
 pub struct Flags(u16);
 
 impl Flags {
-    /// The handle is inside the wall.
+    /// Whether the handle is inside the wall.
     pub const CONTACT: Self = Self(1);
     /// Whether an output was computed with this sample.
     pub const RENDERED: Self = Self(2);
-    /// The actuator could not give the whole force.
+    /// Whether the actuator could not give the whole force.
     pub const SATURATED: Self = Self(4);
-    /// The output is on: the force acts.
+    /// Whether the output is on, so that the force acts.
     pub const ON: Self = Self(8);
-    /// The force is complete: sign test and ramp are over.
+    /// Whether sign test and ramp are over, so that the full force acts.
     pub const ARMED: Self = Self(16);
-    /// A change fades in, or the wall's passivity controller withholds force.
+    /// Whether a change of the settings fades in, or the passivity controller reduces the wall's force.
     pub const CHANGING: Self = Self(32);
-    /// A fault is latched.
+    /// Whether a fault is latched.
     pub const FAULT: Self = Self(64);
-    /// The count was zeroed, and the zero was not lost since then.
+    /// Whether the count was zeroed and the zero was not lost since then.
     pub const ZEROED: Self = Self(128);
-    /// The emergency stop is closed, so force is possible.
+    /// Whether the emergency stop is closed, so that force is possible.
     pub const STOP_CLOSED: Self = Self(256);
-    /// Gains beyond the predicted-stable envelope are allowed.
+    /// Whether gains outside the envelope of stable walls are allowed.
     pub const UNLOCKED: Self = Self(512);
-    /// Not live: a record of the black box, from before the fault.
+    /// Whether this is an older record, from the black box.
     pub const REPLAY: Self = Self(1024);
 
-    /// Lowest bit of the design's number. 1 to 31: number in the order of the device record. 0: no design.
+    /// Lowest bit of the design's number. The number, 1 to 31, is the place of the design in the device record. It is 0
+    /// without a design.
     pub const DESIGN: u32 = 11;
 
-    /// These flags, with the number of the design in force.
+    /// Returns these flags with the number of the design in force.
     #[must_use]
     pub const fn with_design(self, number: u8) -> Self {
         Self(self.0 & ((1 << Self::DESIGN) - 1) | (number as u16) << Self::DESIGN)
     }
 
-    /// Number of the design in force; 0: none.
+    /// Number of the design in force, or 0 if there is none.
     pub const fn design(self) -> u8 {
         (self.0 >> Self::DESIGN) as u8
     }
@@ -69,7 +70,7 @@ impl Flags {
         self.0
     }
 
-    /// Flags from these bits. Bits without a meaning are kept.
+    /// Makes flags from these bits. Bits without a meaning are kept.
     pub const fn from_bits(bits: u16) -> Self {
         Self(bits)
     }
@@ -79,7 +80,7 @@ impl Flags {
         self.0 & other.0 == other.0
     }
 
-    /// These flags, and `other` if `set`.
+    /// Returns these flags. If `set` is true, `other` is added.
     #[must_use]
     #[inline]
     pub const fn with_if(self, other: Self, set: bool) -> Self {
@@ -87,16 +88,16 @@ impl Flags {
     }
 }
 
-/// One output, in the integers of the control itself.
+/// The record of one output. Its values are the integers with which the control loop computes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Record {
     /// Index of the output's sample.
     pub sample: u64,
-    /// Position of the handle, counts.
+    /// Position of the handle, in counts.
     pub position: Position,
-    /// Velocity by the estimator, 2^-16 counts per sample.
+    /// Velocity as the estimator finds it, in 2^-16 counts per sample.
     pub velocity: Velocity,
-    /// Force that the output gives, after ramps; 0 while it is off.
+    /// Force that the output gives, after all ramps and fades. It is 0 while the output is off.
     pub force: Force,
     /// DAC or PWM code that was written to the hardware.
     pub command: OutputCode,
@@ -104,14 +105,15 @@ pub struct Record {
     pub flags: Flags,
     /// Number of the settings in force, modulo 2^16. It counts up with every change.
     pub settings: u16,
-    /// Code of the latched fault; 0: no fault.
+    /// Code of the latched fault, or 0 if there is none.
     pub fault: u8,
 }
 
-/// A record with its place in the stream.
+/// A record with its sequence number in the stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Frame {
-    /// Number of frames that were made so far, sent or not; wraps. A gap means dropped frames.
+    /// Number of frames that were made so far, sent or not. It wraps. A gap in these numbers shows that frames were
+    /// dropped.
     pub sequence: u32,
     /// Record of the newest output.
     pub record: Record,
@@ -120,25 +122,26 @@ pub struct Frame {
 impl Frame {
     /// First two bytes of every frame.
     pub const MAGIC: [u8; 2] = *b"ZW";
-    /// Version of the layout of one output, the third byte.
+    /// Version of the layout with one output. It is the third byte of a frame.
     pub const VERSION: u8 = 1;
-    /// Length of a frame of layout 1, bytes.
+    /// Length of a frame of layout 1, in bytes.
     pub const LEN: usize = 40;
-    /// Version of the layout of several outputs.
+    /// Version of the layout with several outputs.
     pub const VERSION_2: u8 = 2;
-    /// Longest frame, bytes.
+    /// Length of the longest frame, in bytes.
     pub const LEN_MAX: usize = 1024;
-    /// Most outputs of a frame.
+    /// The largest number of outputs in a frame.
     pub const OUTPUTS: usize = 10;
-    /// Most samples whose counts a frame has.
+    /// The largest number of samples whose counts are in a frame.
     pub const SAMPLES: usize = 20;
-    /// Bytes before the length field. They begin with the newest output. The next line: bytes of each earlier output.
+    /// Number of bytes before the length field. They hold the newest output. `EARLIER` is the number of bytes of each
+    /// earlier output.
     const HEAD: usize = 36;
     const EARLIER: usize = 18;
 }
 
 impl Record {
-    /// A record at rest at zero, without flags.
+    /// A record of a handle at rest at zero, without flags.
     pub const EMPTY: Self = Self {
         sample: 0,
         position: Position::from_counts(0),
@@ -152,7 +155,7 @@ impl Record {
 }
 
 impl Frame {
-    /// The frame's bytes, layout 1.
+    /// Writes the frame as bytes of layout 1.
     #[inline]
     pub fn encode(&self) -> [u8; Self::LEN] {
         let mut bytes = [0; Self::LEN];
@@ -181,9 +184,9 @@ impl Frame {
         put(rest, &record.settings.to_le_bytes());
     }
 
-    /// Begins a frame of layout 2. `earlier`: outputs before this output, oldest first, at most
-    /// [`OUTPUTS`](Self::OUTPUTS) less one. `period`: samples between two outputs. All outputs have the settings and
-    /// the fault of this output.
+    /// Begins a frame of layout 2. `earlier` are the outputs before this one, oldest first, at most
+    /// [`OUTPUTS`](Self::OUTPUTS) - 1. `period` is the number of samples from output to output. All these outputs must
+    /// have the settings and the fault of this output.
     pub fn encode_after<'a>(
         &self,
         earlier: &[Record],
@@ -201,12 +204,12 @@ impl Frame {
         writer
     }
 
-    /// The frame in these bytes. `None` if they are no frame of layout 1.
+    /// Reads a frame from these bytes. Returns `None` if they are no frame of layout 1.
     pub fn decode(bytes: &[u8; Self::LEN]) -> Option<Self> {
         Self::read(bytes).filter(|_| bytes.get(2) == Some(&Self::VERSION))
     }
 
-    /// The newest output of a frame, from all bytes of the frame.
+    /// Reads the newest output of a frame. `bytes` must be the whole frame, because its CRC is checked.
     fn read(bytes: &[u8]) -> Option<Self> {
         let mut rest = bytes;
         if take(&mut rest)? != Self::MAGIC {
@@ -226,7 +229,7 @@ impl Frame {
 }
 
 impl Record {
-    /// Reads the fields that every output has.
+    /// Reads the fields that every output of a frame has.
     fn of(rest: &mut &[u8]) -> Option<Self> {
         Some(Self {
             position: Position::from_counts(i32::from_le_bytes(take(rest)?)),

@@ -13,8 +13,8 @@
 //!
 //! If a format changes, change this table too. The test below compares the table with the types.
 //!
-//! At 1 um and 10 kHz one count per sample is already 10 mm/s. The output of the filter needs finer steps: the 16
-//! fractional bits.
+//! At 1 um and 10 kHz one count per sample is already 10 mm/s. The output of the filter needs finer steps, so a
+//! velocity has 16 fractional bits.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -22,7 +22,7 @@ use core::hint::cold_path;
 
 use dsp_fixedpoint::Q32;
 
-/// Position in encoder counts, unwrapped from the hardware counter. Positive is into the wall.
+/// Position in encoder counts. It does not wrap with the hardware counter. It rises into the wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Position(i32);
 
@@ -30,7 +30,7 @@ impl Position {
     /// Largest magnitude, in counts. A position beyond it is a fault.
     pub const LIMIT: i32 = 1 << 30;
 
-    /// A position of that many counts.
+    /// Makes a position from a number of counts.
     #[inline]
     pub const fn from_counts(counts: i32) -> Self {
         Self(counts)
@@ -54,20 +54,20 @@ impl Position {
         Self(self.0.wrapping_add(counts))
     }
 
-    /// Counts from `earlier` to `self`, exact across any wrap.
+    /// Returns the counts from `earlier` to `self`. They are exact even if the position has wrapped.
     #[inline]
     pub(crate) const fn wrapping_since(self, earlier: Self) -> i32 {
         self.0.wrapping_sub(earlier.0)
     }
 
-    /// Counts from `origin` to `self`, saturating at the ends of `i32`.
+    /// Returns the counts from `origin` to `self`, limited to the range of `i32`.
     #[inline]
     pub(crate) const fn saturating_since(self, origin: Self) -> i32 {
         self.0.saturating_sub(origin.0)
     }
 }
 
-/// Velocity in counts per sample, 16 fractional bits, saturating at +-32767.
+/// Velocity in counts per sample, with 16 fractional bits. It saturates at +-32767.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
 pub struct Velocity(Q32<16>);
 
@@ -81,10 +81,10 @@ impl Velocity {
     /// Largest magnitude, in bits.
     pub(crate) const LIMIT_BITS: i32 = Self::LIMIT << Self::FRACTION_BITS;
 
-    /// The nearest velocity to `counts` counts per sample.
+    /// The velocity nearest to `counts` counts per sample.
     #[inline]
     pub fn saturating_from_counts(counts: i32) -> Self {
-        // The value is nearly always in range. Then one comparison is enough instead of two.
+        // The value is nearly always in range, and a single comparison shows that.
         let inside =
             counts.wrapping_add(Self::LIMIT).cast_unsigned() <= 2 * Self::LIMIT.cast_unsigned();
         if inside {
@@ -94,7 +94,7 @@ impl Velocity {
         Self(Q32::from_bits(if counts < 0 { -Self::LIMIT_BITS } else { Self::LIMIT_BITS }))
     }
 
-    /// The nearest velocity to `bits` LSB of 2^-16 counts per sample.
+    /// The velocity nearest to `bits` LSB of 2^-16 counts per sample.
     #[inline]
     pub fn saturating_from_bits(bits: i32) -> Self {
         let limit = Self::LIMIT_BITS;
@@ -112,14 +112,14 @@ impl Velocity {
         Self(Q32::from_bits(bits))
     }
 
-    /// LSB of 2^-16 counts per sample.
+    /// The velocity in LSB of 2^-16 counts per sample.
     #[inline]
     pub fn bits(self) -> i32 {
         self.0.into_bits()
     }
 }
 
-/// Acceleration in counts per sample^2, 24 fractional bits, saturating at +-127.
+/// Acceleration in counts per sample^2, with 24 fractional bits. It saturates at +-127.
 ///
 /// It is finer than [`Velocity`], because estimators sum it up. At 1 um and 10 kHz the LSB is 6e-6 m/s^2, and the range
 /// is 12,700 m/s^2.
@@ -134,21 +134,21 @@ impl Acceleration {
     /// No acceleration at all.
     pub const ZERO: Self = Self(Q32::from_bits(0));
 
-    /// The nearest acceleration to `bits` LSB of 2^-24 counts per sample^2.
+    /// The acceleration nearest to `bits` LSB of 2^-24 counts per sample^2.
     #[inline]
     pub fn saturating_from_bits(bits: i32) -> Self {
         let limit = Self::LIMIT << Self::FRACTION_BITS;
         Self(Q32::from_bits(bits.clamp(-limit, limit)))
     }
 
-    /// LSB of 2^-24 counts per sample^2.
+    /// The acceleration in LSB of 2^-24 counts per sample^2.
     #[inline]
     pub fn bits(self) -> i32 {
         self.0.into_bits()
     }
 }
 
-/// Force as a fraction of the actuator's full scale, 30 fractional bits. Into the wall is positive.
+/// Force as a fraction of the actuator's full scale, with 30 fractional bits. A positive force acts into the wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
 pub struct Force(Q32<30>);
 
@@ -160,7 +160,7 @@ impl Force {
     /// The largest force of the actuator.
     pub const FULL_SCALE: Self = Self(Q32::from_bits(1 << Self::FRACTION_BITS));
 
-    /// The nearest force to `bits` LSB of 2^-30 of full scale, within +-1 full scale.
+    /// The force nearest to `bits` LSB of 2^-30 of full scale. It is limited to +-1 full scale.
     #[inline]
     pub fn saturating_from_bits(bits: i32) -> Self {
         let limit = 1 << Self::FRACTION_BITS;
@@ -192,7 +192,7 @@ impl Demand {
         Self { bits, clipped: false }
     }
 
-    /// The same demand. If `clipped`, it is marked as less than requested.
+    /// Returns the same demand. If `clipped` is true, it is marked as less than was requested.
     #[inline]
     #[must_use]
     pub const fn clipped_if(self, clipped: bool) -> Self {
@@ -205,14 +205,14 @@ impl Demand {
         self.bits
     }
 
-    /// `push` less this demand: the net force for the actuator.
+    /// Returns `push` minus this demand, which is the net force for the actuator.
     #[inline]
     #[must_use]
     pub fn against(self, push: Force) -> Self {
         Self { bits: i64::from(push.bits()).saturating_sub(self.bits), ..self }
     }
 
-    /// The nearest force that the actuator can give, and whether it is less than requested.
+    /// Returns the nearest force that the actuator can give, and whether it is less than was requested.
     #[inline]
     pub fn saturate(self) -> (Force, bool) {
         let limit = 1i64 << Force::FRACTION_BITS;
@@ -240,7 +240,7 @@ mod tests {
     use super::*;
     use std::{format, string::String};
 
-    /// The row of the table at the head of this file that documents `quantity`.
+    /// Returns the row for `quantity` in the table at the head of this file.
     fn row(quantity: &str) -> String {
         let wanted = format!("//! | {quantity} ");
         include_str!("units.rs")

@@ -19,13 +19,13 @@ pub struct Wall {
 }
 
 impl Wall {
-    /// Position of the surface, counts.
+    /// Position of the surface, in counts.
     #[inline]
     pub fn surface(&self) -> Position {
         self.surface
     }
 
-    /// K: force LSB per count of penetration.
+    /// The stiffness K, in LSB of force per count of penetration.
     pub fn stiffness(&self) -> Gain {
         self.stiffness
     }
@@ -36,20 +36,20 @@ impl Wall {
         self.stiffness != Gain::default() || self.damping != Gain::default()
     }
 
-    /// B: force LSB per LSB of velocity.
+    /// The damping B, in LSB of force per LSB of velocity.
     pub fn damping(&self) -> Gain {
         self.damping
     }
 
-    /// Counts of `position` behind the surface. The handle is in contact if the result is positive.
+    /// Returns how many counts `position` is behind the surface. The handle is in contact if the result is positive.
     #[inline]
     pub fn penetration(&self, position: Position) -> i32 {
         position.saturating_since(self.surface)
     }
 
-    /// `K * penetration + B * velocity` in contact, else zero. With `push_only` the sum is never negative, so the wall
-    /// never pulls. While gains fade, `within` of `src/safety/gain_fade.rs` keeps this sign. Each term saturates at
-    /// +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]).
+    /// Returns `K * penetration + B * velocity` in contact, otherwise zero. With `push_only` the sum is never negative,
+    /// so the wall never pulls. While gains fade, `within` of `src/safety/gain_fade.rs` keeps this sign. Each term
+    /// saturates at +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]).
     #[inline]
     pub fn demand(&self, position: Position, velocity: Velocity) -> Demand {
         let penetration = self.penetration(position);
@@ -106,14 +106,15 @@ mod tests {
         let fast = Velocity::saturating_from_bits(i32::MIN);
         let viscous = Wall { damping: Gain::from_f64(2f64.powi(50)).unwrap(), ..wall(false) };
         assert_eq!(viscous.demand(at(101), fast).bits(), 1000 - Gain::PRODUCT_LIMIT);
-        // one term is clipped, and the other cancels nearly all of it: the sum is unknown
+        // One term is clipped, and the other cancels nearly all of it. So the true sum is not known.
         let slow = Velocity::saturating_from_bits(-32_767 << 16);
         let back = Gain::from_f64(1_073_774_593.0).unwrap(); // (2^61 - 2^16) / (32 767 x 2^16)
         let one = Wall { damping: back, ..strong };
         assert_eq!(one.demand(at(i32::MAX), slow).bits(), 1 << 16);
         assert!(one.demand(at(i32::MAX), slow).saturate().1);
         assert_eq!((one.stiffness(), one.damping()), (strong.stiffness, back));
-        // both are beyond the range, in opposite directions: the sum is unknown, and marked so
+        // Both terms are beyond the range, in opposite directions. So the true sum is not known, and the demand is
+        // marked as clipped.
         let both = Wall { damping: viscous.damping, ..strong };
         assert!(both.demand(at(i32::MAX), fast).saturate().1);
     }

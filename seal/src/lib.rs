@@ -8,19 +8,20 @@ use object::{
 };
 use zwidth::image::{Image, UNSEALED};
 
-/// Symbols of the linker for the seal, and for the ends of the parts that the seal covers (memory.x, cortex-m-rt's
-/// link.x).
+/// The linker's symbol at the seal. `PARTS` has the symbols at the start and end of each part that the seal covers. The
+/// symbols are defined in memory.x and in cortex-m-rt's link.x.
 pub const SEAL: &str = "_seal";
 const PARTS: [[&str; 2]; 3] =
     [["__vector_table", SEAL], ["__stext", "__etext"], ["__srodata", "__erodata"]];
-/// Symbols of the initial values of the variables in flash, and of the start and end of the variables in RAM.
+/// Three symbols of the linker: where flash holds the initial values of the variables, and where the variables start
+/// and end in RAM.
 const VARIABLES: [&str; 3] = ["__sidata", "__sdata", "__edata"];
 
 /// Access to the symbols and bytes of an image.
 pub trait Linked {
     fn address_of(&self, symbol: &str) -> Option<u32>;
 
-    /// Address and bytes of each piece that goes into flash.
+    /// The pieces that are programmed into flash. Each has its address and its bytes.
     fn pieces(&self) -> impl Iterator<Item = (u32, &[u8])>;
 }
 
@@ -44,7 +45,7 @@ pub fn parts(image: &impl Linked) -> Result<[[u32; 2]; 4], String> {
     Ok([part(vectors)?, part(code)?, part(constants)?, [from, from.wrapping_add(length)]])
 }
 
-/// Address of the seal, and its correct value.
+/// Returns the address of the seal and the value that it must have.
 ///
 /// # Errors
 /// The file is no image of this firmware.
@@ -66,9 +67,9 @@ pub fn seal_of(image: &impl Linked) -> Result<(u32, u32), String> {
 }
 
 struct File<'a> {
-    /// Symbols: name, address.
+    /// Name and address of each symbol.
     symbols: Vec<(&'a str, u64)>,
-    /// Pieces that go into flash: address, offset in the file, bytes.
+    /// The pieces that are programmed into flash. Each has its address, its offset in the file, and its bytes.
     pieces: Vec<(u32, u32, &'a [u8])>,
 }
 
@@ -83,7 +84,8 @@ impl Linked for File<'_> {
     }
 }
 
-/// Seals the bytes of an ELF. Returns the offset of the four changed bytes. `None` if the seal was already correct.
+/// Writes the seal into the bytes of an ELF. Returns the offset of the four changed bytes, or `None` if the seal was
+/// already correct.
 ///
 /// # Errors
 /// The file is no ELF of this firmware.

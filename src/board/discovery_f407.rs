@@ -46,7 +46,7 @@ impl DiscoveryF407 {
     const STEPS: u16 = (Self::CORE_HZ / RATE_HZ / pwm::PER_SAMPLE) as u16;
 }
 
-// The count of the output's timer starts at a PWM period less `LEAD_CYCLES`.
+// The count of the PWM timer starts at one PWM period minus `LEAD_CYCLES`, so the period must be longer.
 const _: () = assert!(DiscoveryF407::STEPS as u32 > pwm::LEAD_CYCLES, "a PWM period is too short");
 
 impl Wiring for DiscoveryF407 {
@@ -57,11 +57,11 @@ impl Wiring for DiscoveryF407 {
     /// low.
     const SUPPLY_LEVEL: u8 = 0b100;
     const OUTPUT: Output = Output::Pwm { steps: Self::STEPS as u32 };
-    /// No edge times: TIM3 would capture on PA6 and PA7, which the accelerometer uses.
+    /// This board measures no edge times. TIM3 would capture them on PA6 and PA7, which the accelerometer uses.
     const ENABLE: pin::BoardPin = pin::BoardPin::new('E', 13);
     const STOP: pin::BoardPin = pin::BoardPin::new('E', 15);
     const CHIP: u32 = 0x413;
-    /// Level 2, below the supply detector's (docs/first-power-up.md).
+    /// The code of brown-out level 2. This level is below the level of the supply detector (docs/first-power-up.md).
     const BROWN_OUT_RESET: u32 = 1;
     const SWING: Option<[i32; 2]> = None;
     const SENSES: &'static [Sense] = &[Sense::Force];

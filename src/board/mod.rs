@@ -26,7 +26,7 @@ use zwidth::{
     safety::{Fault, OutputWatch},
 };
 
-// The selected board's parts, by the names that the tasks use.
+// The parts of the selected board, under the names that the tasks use.
 pub type Board = Parts<Selected>;
 pub type Link = contract::Link<Selected>;
 pub type Encoder = <Selected as contract::Board>::Encoder;
@@ -47,7 +47,7 @@ pub type SettingsFlash = <Selected as contract::Board>::Flash;
 pub type UpLink = <Selected as contract::Board>::Up;
 pub type Commands = <Selected as contract::Board>::Commands;
 
-/// Facts that a device record must match.
+/// Facts of this board. A device record must match them, or the board refuses it.
 pub const FACTS: BoardFacts = BoardFacts {
     name: <Selected as contract::Board>::NAME,
     rate_hz: RATE_HZ as f64,
@@ -56,13 +56,13 @@ pub const FACTS: BoardFacts = BoardFacts {
     latency_samples: <Selected as contract::Board>::LATENCY_SAMPLES,
 };
 
-/// The check of the force output, if the board can read it.
+/// The check that reads the force output back, or `None` if the board cannot read it.
 pub fn output_watch() -> Option<OutputWatch> {
     let swing = <ReadBack as contract::ReadBack>::SWING?;
     OutputWatch::new(FACTS.output, swing).ok()
 }
 
-/// Sets the board up, see [`contract::Board::take`].
+/// Sets the board up. See [`contract::Board::take`].
 pub fn take(
     device: <Selected as contract::Board>::Device,
     core: <Selected as contract::Board>::Core,
@@ -70,14 +70,15 @@ pub fn take(
     contract::Board::take(device, core)
 }
 
-/// See [`contract::start`]. Called by `idle`.
+/// Starts encoder, force output and sample timer. `idle` calls it. See [`contract::start`].
 pub fn start() {
     forget_floats();
     contract::start::<Encoder, Force, SampleTimer>();
 }
 
-/// Sleeps until an interrupt. Clears SLEEPDEEP (SCR, PM0214 4.4.6) first, in case a flipped bit has set it. In stop
-/// mode (RM0390 and RM0090, 5.3) no clock runs, and only the independent watchdog could switch off.
+/// Sleeps until an interrupt. It first clears SLEEPDEEP (SCR, PM0214 4.4.6), in case a flipped bit has set it. With
+/// SLEEPDEEP the chip would go into stop mode (RM0390 and RM0090, 5.3). There no clock runs, and only the independent
+/// watchdog could switch off.
 #[inline(always)]
 pub fn sleep() {
     // SAFETY: the register's reset value; nothing else in this program writes it.
@@ -86,8 +87,8 @@ pub fn sleep() {
     cortex_m::asm::wfi();
 }
 
-/// Ends the floating-point context that `init` began; `idle` needs none. Otherwise the first float instruction of
-/// `link` would save the whole context. That takes some 35 cycles, during which a sample waits.
+/// Ends the floating-point context that `init` began. `idle` needs no such context. If the context stayed, the first
+/// float instruction of `link` would save all its registers. That takes some 35 cycles, during which a sample waits.
 fn forget_floats() {
     let mut control = control::read();
     control.set_fpca(control::Fpca::NotActive);

@@ -41,7 +41,7 @@ pub type Selected = F4<NucleoF446re>;
 
 pub struct NucleoF446re;
 
-/// Edge times, if the image has them.
+/// The part of the encoder that measures edge times. It is empty in an image without the feature `time-stamps`.
 #[cfg(feature = "time-stamps")]
 type EdgeTimes = edges::Edges<{ NucleoF446re::CORE_HZ / 2 / RATE_HZ }>;
 #[cfg(not(feature = "time-stamps"))]
@@ -57,13 +57,13 @@ impl Wiring for NucleoF446re {
     const ENABLE: pin::BoardPin = pin::BoardPin::new('A', 10);
     const STOP: pin::BoardPin = pin::BoardPin::new('B', 12);
     const CHIP: u32 = 0x421;
-    /// Level 3, below the supply detector's (docs/first-power-up.md).
+    /// The code of brown-out level 3. This level is below the level of the supply detector (docs/first-power-up.md).
     const BROWN_OUT_RESET: u32 = 0;
     const SWING: Option<[i32; 2]> = Some(dac::SWING);
     const SENSES: &'static [Sense] =
         if cfg!(feature = "time-stamps") { &[Sense::Force, Sense::Edge] } else { &[Sense::Force] };
-    /// 8.5 us to the DAC's register (6.7 us on the virtual board, which has no wait states). 3 us for its buffer to
-    /// settle (data sheet, typical).
+    /// The command is in the DAC's register 8.5 us after the sample. On the virtual board, which has no wait states, it
+    /// is there after 6.7 us. The DAC's buffer then settles in 3 us (data sheet, typical).
     const LATENCY_SAMPLES: f64 = 0.115;
     type Force = dac::Output;
     type Encoder = encoder::Encoder<EdgeTimes>;

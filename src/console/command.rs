@@ -27,20 +27,20 @@ pub enum Command {
     Arm,
     /// Switch the force off.
     Disarm,
-    /// Stiffness K of the wall, N/m.
+    /// Stiffness K of the wall, in N/m.
     Stiffness(f64),
-    /// Damping B, N s/m.
+    /// Damping B, in N s/m.
     Damping(f64),
-    /// Surface of the wall, m.
+    /// Surface of the wall, in m.
     Wall(f64),
-    /// Cutoff of the velocity filter, Hz.
+    /// Cutoff of the velocity filter, in Hz.
     Cutoff(f64),
     /// The estimator's tuning, in its own unit: see [`EstimatorName::parameters`].
     Tuning(f64),
-    /// A further parameter of the estimator, in its own unit. The first value is the number of the parameter; 1 is the
-    /// second parameter.
+    /// A further parameter of the estimator, in the parameter's own unit. The `usize` is the index of the parameter
+    /// among all parameters of the estimator. It begins at 1, the second parameter.
     Further(usize, f64),
-    /// Velocity estimator by its name.
+    /// Choose the velocity estimator by its name.
     Estimator(EstimatorName),
     /// Say which designs the device has.
     Designs,
@@ -48,11 +48,11 @@ pub enum Command {
     Design(Name),
     /// Output period, a number of samples.
     Period(f64),
-    /// Push of the experiments, N; does nothing by itself.
+    /// The force with which the experiments push, in N. The command itself moves nothing.
     Push(f64),
     /// Run a wall hit.
     Hit,
-    /// Run a pulse train with this force, N.
+    /// Run a pulse train with this force, in N.
     Pulses(f64),
     /// Walk along the boundary.
     Walk,
@@ -70,21 +70,22 @@ pub enum Command {
     Faults,
     /// Clear the latched fault, if its cause is gone.
     Clear,
-    /// Hold a constant force for calibration, percent of full scale.
+    /// Hold a constant force for calibration, in percent of full scale.
     Calibrate(f64),
     /// The force at full command, N, from a calibration.
     FullScale(f64),
-    /// Start of hits, m.
+    /// Start of hits, in m.
     Start(f64),
     /// Time before a hit is judged, s.
     Settle(f64),
     /// Time over which a hit is judged, s.
     Window(f64),
-    /// Limit of a stable hit's RMS, m.
+    /// Limit of a stable hit's RMS, in m.
     RmsLimit(f64),
     /// Criterion of a stable hit.
     Criterion(Criterion),
-    /// Limit of a quiet hit's RMS of the force, N. 0: a share of the push.
+    /// Limit of the force's RMS, in N, for a hit that the criterion `quiet` judges. With 0 the limit is a share of the
+    /// push.
     ForceRmsLimit(f64),
     /// Grid of the walk.
     Grid(GridValue, f64),
@@ -94,24 +95,25 @@ pub enum Command {
     EncoderReversed(bool),
     /// Test the board, with the force off.
     SelfTest,
-    /// The host is present, and will send this command again within this time, ms. 0: no such promise.
+    /// The host is present, and will send this command again within this time, in ms. With 0 the host need not send it
+    /// again.
     Alive(f64),
 }
 
 /// A value of the walk's grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GridValue {
-    /// First K of the walk, N/m.
+    /// First K of the walk, in N/m.
     StiffnessStart,
-    /// Step of K, N/m.
+    /// Step of K, in N/m.
     StiffnessStep,
-    /// Largest K of the walk, N/m.
+    /// Largest K of the walk, in N/m.
     StiffnessMax,
-    /// First B, N s/m.
+    /// First B, in N s/m.
     DampingStart,
-    /// Step of B, N s/m.
+    /// Step of B, in N s/m.
     DampingStep,
-    /// Largest B, N s/m.
+    /// Largest B, in N s/m.
     DampingMax,
 }
 
@@ -197,7 +199,7 @@ impl ParseError {
     }
 }
 
-/// Form of the words after a command's name.
+/// Which words may follow a command's name, and the command that they make.
 enum Form {
     Plain(Command),
     Number(fn(f64) -> Command),
@@ -206,7 +208,7 @@ enum Form {
     Design,
 }
 
-/// Name, use and form of a command.
+/// Name of a command, its usage as `help` prints it, and the form of its words.
 type Entry = (&'static str, &'static str, Form);
 
 static TABLE: &[Entry] = {
@@ -290,13 +292,13 @@ static TABLE: &[Entry] = {
     ]
 };
 
-/// How each command is typed, in the order of `help`.
+/// The usage of each command, in the order of `help`.
 pub fn usages() -> impl Iterator<Item = &'static str> {
     TABLE.iter().map(|(_, usage, _)| *usage)
 }
 
-/// Reads one line: a name and at most one word or number, with blanks around them, in upper or lower case. The input
-/// may be any bytes. The form of a number is checked here. The range of a number is checked where the settings are
+/// Reads one line. It has a name and at most one word or number, with blanks around them, in upper or lower case. The
+/// input may be any bytes. Here only the form of a number is checked. Its range is checked where the settings are
 /// built.
 ///
 /// # Errors
@@ -305,8 +307,8 @@ pub fn parse(line: &[u8]) -> Result<Command, ParseError> {
     parse_in(line, Spoken::AT_HANDLE)
 }
 
-/// As [`parse`], for numbers that are typed in the units of `spoken`. The numbers of the command are in units at the
-/// handle.
+/// Does what [`parse`] does, but the user types the numbers in the units of `spoken`. The returned command has them in
+/// units at the handle.
 ///
 /// # Errors
 /// Says what is allowed.

@@ -193,7 +193,8 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Changes a setting that both loop and experiments use: name, value, unit.
+    /// Changes a setting that both the loop and the experiments use. The tuple has the setting's name, its value and
+    /// its unit.
     fn adapt(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
         match self.device.experiment(&stored) {
             Ok(_) => self.propose(stored, ChangedSetting::Value(name, value, unit)),
@@ -201,13 +202,13 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Changes a setting that only the next experiment uses: name, value, unit.
+    /// Changes a setting that only the next experiment uses. The tuple has the setting's name, its value and its unit.
     fn keep(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
         self.keep_as(stored, Reply::Value(name, value, unit));
     }
 
     fn keep_as(&mut self, stored: Stored, reply: Reply<'_>) {
-        // Without this check a flipped bit would get into both copies.
+        // The settings are stored twice. Without this check, an edit would copy a flipped bit into both copies.
         if !self.is_whole() {
             return self.lose();
         }
@@ -221,7 +222,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Changes a setting of the loop: name, value, unit.
+    /// Changes a setting of the loop. The tuple has the setting's name, its value and its unit.
     fn change(
         &mut self,
         (name, value, unit): (&'static str, f64, &'static str),
@@ -232,7 +233,8 @@ impl<P: Port> Console<P> {
         self.propose(stored, ChangedSetting::Value(name, value, unit));
     }
 
-    /// Builds settings and proposes them. The settings are kept when the task `render` has accepted them.
+    /// Builds the settings, and orders them from the task `render`. The console stores them when `render` has accepted
+    /// them.
     pub(super) fn propose(&mut self, stored: Stored, changed: ChangedSetting) {
         let device = self.device;
         if let Some(unfit) = device.unfit(&stored) {
@@ -253,7 +255,8 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Second step of a new output period. The plan of the period is in force, so now the parameters are ordered.
+    /// The second step of a change of the output period. In the first step `render` has accepted the settings that are
+    /// counted in outputs. So now the parameters of the loop are ordered.
     #[inline(never)] // it is not needed below `answer`
     pub(super) fn propose_next(&mut self, stored: Stored, changed: ChangedSetting) {
         if let Ok(order) = self.device.order(&stored) {
@@ -261,8 +264,8 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Whether a wall outside the envelope is refused: the force is on and the envelope is locked. With the force off
-    /// such a wall is accepted, and `arm` is refused.
+    /// Whether a wall outside the envelope is refused. This is so while the force is on and the envelope is locked.
+    /// With the force off such a wall is accepted, but then `arm` is refused.
     fn is_locked(&self) -> bool {
         self.latest.is_some_and(|(now, _)| now.status.state.is_on() && !now.status.unlocked)
     }

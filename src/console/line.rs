@@ -1,4 +1,4 @@
-//! Bytes to lines, and text to bytes, in buffers of fixed length.
+//! Collects bytes to lines, and writes text into bytes. All buffers have a fixed length.
 
 use core::fmt;
 
@@ -15,7 +15,7 @@ pub struct LineReader<const N: usize> {
 /// A complete line, or a line that did not fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line<'a> {
-    /// Bytes of the line, not blank, without the line end.
+    /// The bytes of a line that is not blank, without the line end.
     Text(&'a [u8]),
     /// The line did not fit.
     TooLong,
@@ -77,7 +77,7 @@ impl<const N: usize> Text<N> {
         Self { bytes: [0; N], len: 0 }
     }
 
-    /// `value` as text, cut off after `N` bytes.
+    /// Writes `value` as text, and cuts it off after `N` bytes.
     pub fn of(value: impl fmt::Display) -> Self {
         let mut text = Self::new();
         // Text that is cut off is no error here.
@@ -90,7 +90,7 @@ impl<const N: usize> Text<N> {
         self.bytes.get(..self.len).unwrap_or_default()
     }
 
-    /// The text; empty if it is not UTF-8.
+    /// Returns the text, or an empty text if it is not UTF-8.
     pub fn as_str(&self) -> &str {
         core::str::from_utf8(self.as_bytes()).unwrap_or_default()
     }

@@ -1,4 +1,4 @@
-//! Lines about experiments for people, one type each.
+//! The lines about experiments that people read. Each kind of line is a type.
 
 use core::fmt;
 
@@ -16,11 +16,11 @@ use crate::{
     units::Force,
 };
 
-/// Commands that begin an experiment, with the names of the table of commands.
+/// Names of the commands that begin an experiment.
 pub(super) const EXPERIMENTS: [&str; 4] = ["hit", "pulses", "walk", "calibrate"];
 
-/// Whether a line of the board answers a command. The board sends all other lines unasked. For example `ok walk`
-/// answers `walk`. The lines `ok walk over, ..` and `error: walk: ..` report how the walk ended.
+/// Whether a line of the board answers a command. The board sends all other lines without being asked. For example, `ok
+/// walk` answers `walk`, but `ok walk over, ..` and `error: walk: ..` report how the walk ended.
 pub fn is_answer(line: &str) -> bool {
     let reports = |said: &str, then: &str| {
         let mut rests = EXPERIMENTS.iter().filter_map(|name| said.strip_prefix(name));
@@ -37,11 +37,11 @@ pub fn is_answer(line: &str) -> bool {
 #[derive(Clone, Copy)]
 pub struct JudgedHit {
     pub verdict: Verdict,
-    /// Counts of the hit's window.
+    /// Mean and variance of the position over the hit's window, in counts.
     pub counts: RunningVariance,
     /// Energy that wall and hand have exchanged.
     pub port: Exchanged,
-    /// Force and wall in the window, with the criterion `quiet`.
+    /// Force and wall over the window. Only the criterion `quiet` needs them.
     pub quiet: Option<QuietWindow>,
 }
 
@@ -51,7 +51,7 @@ impl JudgedHit {
     }
 }
 
-/// A hit for a reply: its verdict, and the values behind the verdict.
+/// A hit as a reply prints it. It has the verdict and the values that led to it.
 pub struct SaidHit {
     pub hit: JudgedHit,
     pub resolution_m: f64,
@@ -67,7 +67,7 @@ impl SaidHit {
         self.spoken.number(self.hit.counts.rms_counts() * self.resolution_m, "m")
     }
 
-    /// The further values behind the verdict of a quiet wall, beside the motion.
+    /// Writes the values that only the criterion `quiet` judges: force and wall.
     fn quiet(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(quiet) = &self.hit.quiet else { return Ok(()) };
         write!(f, ", force rms {}", self.spoken.number(quiet.force_rms_n, "N"))?;
@@ -78,7 +78,8 @@ impl SaidHit {
     }
 }
 
-/// The line that ends a hit: its values, the energy that wall and hand have exchanged, and full scale in N.
+/// The line that reports the end of a hit. It has the hit's values, and the energy that wall and hand have exchanged.
+/// The second field is the force at full scale, in N.
 pub struct HitOver(pub SaidHit, pub f64);
 
 impl fmt::Display for HitOver {
@@ -96,7 +97,8 @@ impl fmt::Display for HitOver {
     }
 }
 
-/// One push of a quiet hit: number of the push, force in N, the hit.
+/// The line about one push of a hit with the criterion `quiet`. The fields are the number of the push, its force in N,
+/// and the hit.
 pub struct PushJudged(pub usize, pub f64, pub SaidHit);
 
 impl fmt::Display for PushJudged {
@@ -108,7 +110,7 @@ impl fmt::Display for PushJudged {
     }
 }
 
-/// K and B of a cell.
+/// Prints the K and B of a cell of the walk's grid.
 struct Wall<'a>(&'a WalkSettings, Cell, Spoken);
 
 impl fmt::Display for Wall<'_> {
@@ -120,7 +122,8 @@ impl fmt::Display for Wall<'_> {
     }
 }
 
-/// One verdict of a walk: number of the hit, grid, cell, the hit.
+/// The line about one verdict of a walk. The fields are the number of the hit, the walk's grid, the grid's cell with
+/// this hit's K and B, and the hit.
 pub struct CellJudged<'a>(pub u32, pub &'a WalkSettings, pub Cell, pub SaidHit);
 
 impl fmt::Display for CellJudged<'_> {
@@ -132,7 +135,8 @@ impl fmt::Display for CellJudged<'_> {
     }
 }
 
-/// One point of the boundary: number, grid, cell, units.
+/// The line about one point of the boundary that a walk finds. The fields are the number of the point, the walk's grid,
+/// the point's cell in it, and the units.
 pub struct BoundaryPoint<'a>(pub u32, pub &'a WalkSettings, pub Cell, pub Spoken);
 
 impl fmt::Display for BoundaryPoint<'_> {
@@ -142,7 +146,7 @@ impl fmt::Display for BoundaryPoint<'_> {
     }
 }
 
-/// The line that ends a walk: its totals, why it ended, units.
+/// The line that reports the end of a walk. The fields are the walk's totals, the reason for its end, and the units.
 pub struct WalkOver(pub WalkTotals, pub Result<Ended, &'static str>, pub Spoken);
 
 impl fmt::Display for WalkOver {
@@ -168,7 +172,8 @@ impl fmt::Display for WalkOver {
     }
 }
 
-/// The force of an output: part of full scale, code, and N if full scale is known.
+/// Prints the force of an output as a part of full scale and as a code. If the second field, the force at full scale,
+/// is known, it also prints the force in N.
 struct Output(Record, f64, Spoken);
 
 impl fmt::Display for Output {
@@ -181,7 +186,8 @@ impl fmt::Display for Output {
     }
 }
 
-/// The force of a calibration is complete: the output, full scale in the settings, units.
+/// The line that reports that a calibration now holds its whole force. The fields are the output, full scale as the
+/// settings have it, and the units.
 pub struct CalibrationHolds(pub Record, pub f64, pub Spoken);
 
 impl fmt::Display for CalibrationHolds {
@@ -190,7 +196,8 @@ impl fmt::Display for CalibrationHolds {
     }
 }
 
-/// A calibration is over: why, the last output, full scale in the settings, units.
+/// The line that reports the end of a calibration. The fields are the reason, the last output, full scale as the
+/// settings have it, and the units.
 pub struct CalibrationOver(pub CalibrationEnd, pub Record, pub f64, pub Spoken);
 
 impl fmt::Display for CalibrationOver {

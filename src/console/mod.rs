@@ -39,8 +39,8 @@ pub use spoken::Spoken;
 #[cfg(test)]
 mod tests;
 
-/// Longest line, bytes. The longest command has 31.
+/// Length of the longest line from the host, in bytes. The longest command has 31.
 pub const LINE_MAX: usize = 64;
 
-/// Longest reply, bytes: `help`.
+/// Length of the longest reply, in bytes. This is the reply to `help`.
 pub const REPLY_MAX: usize = 768;

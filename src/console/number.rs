@@ -1,8 +1,9 @@
-//! Decimal numbers in and out, without heap and without the panic paths of the standard formatter.
+//! Reads and writes decimal numbers. It needs no heap, and unlike the standard formatter its code contains no panic.
 
 use core::fmt::{self, Write as _};
 
-/// Most significant digits that are read. Any number of 15 digits is below 2^53.
+/// The largest number of significant digits that are read. Any integer of 15 digits is below 2^53, so `f64` has it
+/// exactly.
 const DIGITS: u32 = 15;
 
 /// Powers of ten that are exact in `f64`.
@@ -11,9 +12,9 @@ const POWERS: [f64; 23] = [
     1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
 ];
 
-/// Reads `2000`, `-0.07`, `1.5e3`: up to 15 significant digits. The number is an integer times a power of ten, with an
-/// exponent within +-22. `f64` represents the integer and the power exactly, and one operation rounds once. So the
-/// result is the nearest `f64`.
+/// Reads a number such as `2000`, `-0.07` or `1.5e3`, with up to 15 significant digits. The number is an integer times
+/// a power of ten, with an exponent within +-22. `f64` represents the integer and the power exactly, and one operation
+/// rounds once. So the result is the nearest `f64`.
 pub(super) fn parse(text: &[u8]) -> Option<f64> {
     let (negative, text) = match text {
         [b'-', rest @ ..] => (true, rest),
@@ -53,7 +54,8 @@ pub(super) fn parse(text: &[u8]) -> Option<f64> {
     Some(if negative { -value } else { value })
 }
 
-/// The `f64` nearest to `digits * 10^exponent`, for `digits` below 10^15. `None` beyond [`POWERS`].
+/// Returns the `f64` nearest to `digits * 10^exponent`, for `digits` below 10^15. Returns `None` if [`POWERS`] does not
+/// have the power of ten.
 fn decimal(digits: u64, exponent: i32) -> Option<f64> {
     #[expect(clippy::cast_precision_loss, reason = "below 10^15, so exact")]
     let value = digits as f64;
@@ -61,7 +63,8 @@ fn decimal(digits: u64, exponent: i32) -> Option<f64> {
     Some(if exponent < 0 { value / power } else { value * power })
 }
 
-/// `value` rounded to 15 digits, as the simulator rounds a scene's values. Beyond [`POWERS`] the value is unchanged.
+/// Rounds `value` to 15 digits, as the simulator rounds a scene's values. If [`POWERS`] does not have the power of ten
+/// that this needs, `value` stays as it is.
 pub(super) fn rounded(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
@@ -80,7 +83,7 @@ pub(super) fn rounded(value: f64) -> f64 {
     if value < 0.0 { -shown } else { shown }
 }
 
-/// One to three digits.
+/// Reads an integer of one to three digits.
 fn integer(text: &[u8]) -> Option<i32> {
     if !(1..=3).contains(&text.len()) {
         return None;
@@ -91,7 +94,7 @@ fn integer(text: &[u8]) -> Option<i32> {
     })
 }
 
-/// A number for a reply: 12 significant digits, without trailing zeros.
+/// A number as a reply prints it. It has up to 12 significant digits, without trailing zeros.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decimal(pub f64);
 
@@ -101,8 +104,8 @@ impl fmt::Display for Decimal {
     }
 }
 
-/// An end of an allowed range, for a reply. It is rounded inwards to 12 digits, so that the board accepts this end when
-/// a person types it.
+/// One end of an allowed range, as a reply prints it. It is rounded to 12 digits, towards the inside of the range. So
+/// the board accepts this number when a person types it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
     /// The lowest value that is allowed.
@@ -147,14 +150,15 @@ fn write_decimal(f: &mut fmt::Formatter<'_>, value: f64, inwards: i8) -> fmt::Re
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1e11 to 1e12")]
     let mut digits = libm::round(scaled) as u64;
-    // the direction of the magnitude, which rises where a negative number falls
+    // Whether the magnitude must grow. A larger magnitude makes a negative number smaller.
     let up = (inwards > 0) == (value > 0.0);
     if inwards != 0 {
         match decimal(digits, exponent) {
             Some(shown) if up && shown < value.abs() => digits += 1,
             Some(shown) if !up && shown > value.abs() => digits -= 1,
             Some(_) => {}
-            // beyond the exact powers of ten `scaled` itself is rounded; 12 digits are one more than needed
+            // Without an exact power of ten `scaled` itself may be rounded. So the last digit changes by one in any
+            // case. There are 12 digits, one more than needed.
             None if up => digits += 1,
             None => digits -= 1,
         }
@@ -166,7 +170,7 @@ fn write_decimal(f: &mut fmt::Formatter<'_>, value: f64, inwards: i8) -> fmt::Re
     write_digits(f, digits, exponent)
 }
 
-/// `digits * 10^exponent`; `digits` ends in no zero.
+/// Writes `digits * 10^exponent`. The last digit of `digits` must not be zero.
 fn write_digits(f: &mut fmt::Formatter<'_>, digits: u64, exponent: i32) -> fmt::Result {
     let count = digits.checked_ilog10().map_or(1, |log| log.cast_signed() + 1);
     let point = count + exponent; // digits before the point
@@ -302,7 +306,7 @@ mod tests {
 
         #[test]
         fn a_limit_is_accepted_when_it_is_typed(part in 0.0..1.0f64, exponent in -4i32..8) {
-            // as a line between two points of the envelope: any digits
+            // Like a limit between two points of the envelope, the number may have any digits.
             let limit = part * 10f64.powi(exponent);
             for limit in [limit, -limit] {
                 let typed = |shown: Limit| parse(shown.to_string().as_bytes()).unwrap();

@@ -1,13 +1,15 @@
-//! The share of the time that the host may use. Further bytes wait in the channel; none is refused.
+//! Limits the share of the processor's time that a host can use with its commands. If a host sends more, its bytes wait
+//! in the channel. No byte is refused.
 
-/// Lines and answers use at most 4 / `PARTS` of the time. Telemetry at output period 1 needs half of this time in
-/// addition.
+/// The share: lines and their answers use at most 4 / `PARTS` of the time. Telemetry needs further time, at output
+/// period 1 half as much.
 const PARTS: u16 = 21;
-/// Longest wait of a line for the lines before it, ticks. So the board still listens if `rest` is damaged.
+/// The longest time, in ticks, that a line waits because of the lines before it. Because of this limit the board still
+/// listens after a bit of `rest` has flipped.
 const LONGEST: u16 = 1200;
 
-/// `begun`: the clock of [`HaltWatch`](crate::safety::HaltWatch) when the last pass began. `rest`: ticks after that in
-/// which the board takes no byte.
+/// Says when the console may take bytes. `begun` is the clock of [`HaltWatch`](crate::safety::HaltWatch) at the
+/// beginning of the last pass. For `rest` ticks after that, the board takes no byte.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pace {
     begun: u16,
@@ -19,7 +21,7 @@ impl Pace {
     pub fn begin(&mut self, clock: u16) -> bool {
         let passed = clock.wrapping_sub(self.begun);
         self.begun = clock;
-        // At least one tick, so that the board still listens when the clock stands still. If the clock stands still, a
+        // At least one tick counts as passed. So the board still listens when the clock stands still. In that case a
         // fault has already switched the force off.
         self.rest = self.rest.min(LONGEST).saturating_sub(passed.max(1));
         self.rest == 0
@@ -36,7 +38,8 @@ impl Pace {
 mod tests {
     use super::*;
 
-    /// Ticks from one line to the next. From one pass to the next there are `each` ticks. A line takes `line` ticks.
+    /// Returns the number of ticks from one line to the next, if a pass comes every `each` ticks and a line takes
+    /// `line` ticks.
     fn between(each: u16, line: u16) -> u16 {
         let (mut pace, mut clock) = (Pace::default(), u16::MAX - 100);
         let mut at = [0; 2];

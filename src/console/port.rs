@@ -9,7 +9,8 @@ use crate::{
     units::Position,
 };
 
-/// Bytes in; lines, frames and orders out; settings in flash. Only flash makes the console wait.
+/// What the console needs from the board. It reads bytes, and sends lines, telemetry frames and orders. It reads and
+/// writes the settings in flash. Only flash makes the console wait.
 pub trait Port {
     /// The commit that the program was built from, see [`Reply::Version`](super::Reply::Version).
     const COMMIT: &'static str;
@@ -23,8 +24,9 @@ pub trait Port {
     /// Sends or drops a frame of telemetry. Returns whether it was sent.
     fn write_frame(&mut self, frame: &[u8]) -> bool;
 
-    /// The positions of the samples up to `newest`, oldest first, and the sampler after `newest` or a later sample.
-    /// `newest` must be complete. `None` if the positions are no longer stored.
+    /// Fills `places` with the positions of the last samples up to `newest`, oldest first. Returns the sampler as it is
+    /// after `newest` or a later sample. The sample `newest` must be complete. Returns `None` if these positions are no
+    /// longer stored.
     fn samples(&mut self, newest: u64, places: &mut [Position]) -> Option<GuardedSampler>;
 
     /// Passes an order to the task `render`. Returns whether there was room. There is always room, because only one

@@ -9,7 +9,7 @@ use crate::{
     safety::Fault,
 };
 
-/// Why nothing runs.
+/// The reason why no task of the board runs.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Unusable {
     /// The image differs from the build.
@@ -56,8 +56,8 @@ pub struct RefusedLine<'a> {
 }
 
 impl<'a> Refused<'a> {
-    /// The console of a board on which nothing runs, for the reason `why`. `board` is its name, `commit` the program's
-    /// commit.
+    /// Makes the console of a board on which nothing runs, for the reason `why`. `board` is the name of the board, and
+    /// `commit` is the commit of the program.
     pub fn new(board: &'a str, commit: &'a str, why: &'a Unusable) -> Self {
         Self { board, commit, why, reader: LineReader::new() }
     }

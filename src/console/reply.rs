@@ -1,4 +1,4 @@
-//! Replies: one line each, `ok ...` or `error: ...`.
+//! The replies to commands. Each is one line, `ok ...` or `error: ...`.
 
 use core::fmt;
 
@@ -25,13 +25,13 @@ use crate::{
 pub enum Reply<'a> {
     /// All commands with their usage.
     Help,
-    /// Version: commit of the program, and the device. The reply also has the versions of the layouts.
+    /// The version: the program's commit, the device, and the versions of the data layouts.
     Version(&'a str, &'a Device<'a>),
-    /// Done: the name of the command.
+    /// The command of this name is done.
     Done(&'static str),
-    /// Done; this value is now in force: name, value, unit.
+    /// The command is done, and a value is now in force. The fields are its name, the value and its unit.
     Value(&'static str, f64, &'static str),
-    /// Done; this word is now in force: name, word.
+    /// The command is done, and a word is now in force. The fields are the name of the setting and the word.
     Word(&'static str, &'a str),
     /// State of supervisor and experiment, with the newest output.
     Status(&'a Situation, &'a Record),
@@ -53,7 +53,8 @@ pub enum Reply<'a> {
     Range(&'a SettingsError),
     /// The board cannot run these settings.
     Unfit(Unfit),
-    /// This wall is outside the device's envelope for this key.
+    /// This wall is outside the device's envelope. The [`Key`] names the estimator and the output period of the
+    /// envelope's table.
     Outside(Outside, &'a Device<'a>, Key),
     /// The hardware failed during this action.
     Failed(&'a str),
@@ -65,7 +66,7 @@ impl fmt::Display for Reply<'_> {
     }
 }
 
-/// A reply in the units of a device.
+/// A reply with its numbers in the units of a device.
 pub struct ReplyIn<'a>(pub Reply<'a>, pub Spoken);
 
 impl fmt::Display for ReplyIn<'_> {
@@ -136,7 +137,7 @@ impl Reply<'_> {
                     known(f, device, key)?;
                 }
                 if let Some(allowed) = outside.allowed() {
-                    // K and B have the same power of the radius.
+                    // The unit of K also converts B, because both contain the radius to the same power.
                     let [low, high] = spoken.limits(allowed, "N/m");
                     write!(f, " {low} to {high}")?;
                 }
@@ -147,7 +148,8 @@ impl Reply<'_> {
     }
 }
 
-/// Start of both `version` replies: the package's version, and this commit.
+/// The beginning of a reply to `version`: the package's version and this commit. A board that runs and a board that
+/// refuses its image or record use it.
 pub(super) struct Built<'a>(pub &'a str);
 
 impl fmt::Display for Built<'_> {
@@ -164,7 +166,7 @@ fn names(f: &mut fmt::Formatter<'_>, designs: &Designs<'_>) -> fmt::Result {
     designs.iter().try_for_each(|(_, NamedFilter { name, .. })| write!(f, " {}", name.text()))
 }
 
-/// Estimators with their cutoffs, and designs, that have a table in the envelope at the output period of `key`.
+/// Lists what the envelope has a table for at the output period of `key`: estimators with their cutoffs, and designs.
 fn known(f: &mut fmt::Formatter<'_>, device: &Device<'_>, key: &Key) -> fmt::Result {
     let mut last = None;
     for key in device.envelope.beside(key) {

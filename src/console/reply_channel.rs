@@ -1,4 +1,4 @@
-//! The channel of the console's lines for people.
+//! The channel on which the console sends its lines for people.
 //!
 //! If nobody reads, the last line waits until somebody reads. Until then only `stop` and `disarm` are obeyed. So
 //! nothing changes without an acknowledgement.
@@ -7,16 +7,18 @@ use core::fmt::{self, Write as _};
 
 use super::{Port, REPLY_MAX, Text};
 
-/// Passes between two tries. There are few tries, because a line on the log delays the task `render` a little.
+/// Number of passes from one try to send a line to the next. The tries are rare, because a line on the log delays the
+/// task `render` a little.
 const PASSES: u8 = 32;
 
 /// The last line, and whether it was sent.
 #[derive(Clone)]
 pub struct ReplyChannel {
     line: Text<{ REPLY_MAX + 1 }>,
-    /// The line was not taken yet.
+    /// Whether the line still waits, because the channel had no room.
     kept: bool,
-    /// Counts since this line: lost lines, and ignored commands.
+    /// The number of lines that were lost since this line. `ignored` is the number of commands that were ignored since
+    /// then.
     lost: u32,
     ignored: u32,
     /// Passes since the last try to send it.

@@ -15,7 +15,7 @@ pub struct Situation {
     pub activity: Activity,
 }
 
-/// A condition for a command.
+/// A condition that must be fulfilled before a command is obeyed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Need {
     /// The force is off: neither armed nor arming.
@@ -30,7 +30,7 @@ enum Need {
     NoContact,
     /// No experiment is running.
     Idle,
-    /// No experiment is running except a calibration, which continues with another force.
+    /// No experiment is running, or only a calibration. A calibration continues with the new force.
     IdleOrCalibration,
     /// No walk, pulse train or quiet hit is running, because these use K, B and push.
     NoWalk,
@@ -43,7 +43,7 @@ enum Need {
     Unlocked,
 }
 
-/// Conditions of each command, in the order of their checks.
+/// The conditions for each command, in the order in which they are checked.
 const fn needs(command: &Command) -> &'static [Need] {
     use Need as N;
     match command {
@@ -208,7 +208,7 @@ mod tests {
         Command::Pulses(1.0),
     ];
 
-    /// Every situation: 5 states x 5 activities x 2^7 facts.
+    /// All possible situations. They combine 5 states, 5 activities, and 7 facts that are true or false.
     fn situations() -> Vec<Situation> {
         let states = [State::Off, State::SignTest, State::RampIn, State::Armed, State::Fault];
         let activities = [
@@ -221,7 +221,7 @@ mod tests {
         let mut all = Vec::new();
         for state in states {
             for activity in activities {
-                // Under Miri only a part of them, with every fact in both its values.
+                // Under Miri only some combinations are tried. Each fact is still true in some and false in others.
                 for facts in (0..128u32).step_by(if cfg!(miri) { 23 } else { 1 }) {
                     let fact = |n: u32| facts >> n & 1 == 1;
                     let fault =

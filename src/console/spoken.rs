@@ -1,4 +1,5 @@
-//! The console's units: m and N at the handle. For a rotary device: rad and N m about its axis.
+//! The units of the numbers that the console reads and prints. They are m and N at the handle. For a rotary device they
+//! are rad and N m about its axis.
 //!
 //! All internal values are in m and N. A number is converted only where it is typed and where it is printed. An
 //! estimator's own parameters are not converted, because they are in m and N in every scene.
@@ -11,20 +12,21 @@ use crate::{SettingsError, device::Device};
 /// Units of one device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spoken {
-    /// Distance of the handle from the axis, m; 0: a linear device.
+    /// Distance of the handle from the axis, in m. It is 0 for a linear device.
     radius_m: f64,
 }
 
-/// A quantity of linear and rotary devices: its word in a usage, its unit, and the suffix of its parameters' names.
+/// A quantity, such as a force. It has its word in a command's usage, its unit, and the suffix of its parameters'
+/// names. In each array the first text is for a linear device, the second for a rotary one.
 struct Kind {
     typed: [&'static str; 2],
     unit: [&'static str; 2],
     suffix: [&'static str; 2],
-    /// The value about the axis is the value at the handle times the radius to this power.
+    /// The exponent `n` of the conversion: value about the axis = value at the handle * radius^`n`.
     power: i8,
 }
 
-/// Order: if a suffix is the end of a longer suffix, the longer suffix comes first.
+/// All quantities. If a suffix is the end of a longer suffix, the longer suffix comes first, so that it is found first.
 const KINDS: [Kind; 5] = [
     Kind {
         typed: ["N_S_PER_M", "N_M_S_PER_RAD"],
@@ -54,8 +56,8 @@ const KINDS: [Kind; 5] = [
 ];
 
 impl Kind {
-    /// The command's name in a usage that ends in this kind of number. Does not use the search functions of `str`,
-    /// which can panic.
+    /// Returns the command's name if `usage` ends in this kind of number. It does not use the search functions of
+    /// `str`, because these can panic.
     fn name(&self, usage: &'static str) -> Option<&'static str> {
         usage.strip_suffix(self.typed[0])?.strip_suffix(" ")
     }
@@ -103,7 +105,7 @@ impl Spoken {
         }
     }
 
-    /// A number that is in `unit` at the handle.
+    /// A number for a reply. `value` is in `unit` at the handle, and is printed in the units of this device.
     pub(super) fn number(self, value: f64, unit: &'static str) -> Said {
         match self.kind(|kind| kind.unit[0] == unit) {
             Some(kind) => Said(value * self.factor(kind), kind.unit[1]),
@@ -111,12 +113,13 @@ impl Spoken {
         }
     }
 
-    /// As [`number`](Self::number), without the unit.
+    /// Like [`number`](Self::number), but without the unit.
     pub(super) fn bare(self, value: f64, unit: &'static str) -> Decimal {
         Decimal(self.number(value, unit).0)
     }
 
-    /// Both ends of an allowed range in `unit` at the handle, rounded inwards.
+    /// Both ends of an allowed range, for a reply. They are given in `unit` at the handle, and are rounded towards the
+    /// inside of the range.
     pub(super) fn limits(self, [low, high]: [f64; 2], unit: &'static str) -> [Limit; 2] {
         let kind = self.kind(|kind| kind.unit[0] == unit);
         self.inwards([low, high], kind)
@@ -150,7 +153,7 @@ impl fmt::Display for Said {
     }
 }
 
-/// A number that is not allowed, in the units of the console.
+/// An error about a number that is not allowed, printed in the units of the console.
 pub(super) struct OutOfRange<'a>(&'a SettingsError, Spoken);
 
 impl fmt::Display for OutOfRange<'_> {

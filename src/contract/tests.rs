@@ -5,7 +5,7 @@ use embedded_hal::digital::{Error, ErrorKind, ErrorType, InputPin};
 use super::*;
 
 std::thread_local! {
-    /// Calls of the board, in order.
+    /// The calls that the board has received, in their order.
     static DONE: RefCell<Vec<&'static str>> = const { RefCell::new(Vec::new()) };
 }
 
@@ -71,7 +71,7 @@ impl Encoder for Quadrature {
     fn turn(_: bool) {}
 }
 
-/// A level, or `None` if the pin cannot be read.
+/// A pin with this level. `None` is a pin that cannot be read.
 struct Pin(Option<bool>);
 
 #[derive(Debug)]
@@ -124,7 +124,7 @@ fn only_a_low_pin_is_no_stop() {
     }
 }
 
-/// Number of reads of a board before an event, and the event. Hardware switches enable off with each event.
+/// An event that happens after some reads of the board. With each event the hardware switches enable off.
 #[derive(Clone, Copy, Debug)]
 enum Event {
     /// The stop opens, and closes again after this number of reads.
@@ -138,7 +138,7 @@ std::thread_local! {
     static BOARD: RefCell<(u32, u32, Option<Event>)> = const { RefCell::new((0, 0, None)) };
 }
 
-/// The event, if it has happened by this read, and the number of reads since.
+/// Counts one read of the board. If the event has happened by now, returns it and the number of reads since then.
 fn come() -> Option<(Event, u32)> {
     BOARD.with_borrow_mut(|(reads, at, event)| {
         *reads += 1;

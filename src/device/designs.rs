@@ -1,9 +1,9 @@
 //! The designs of a device: named velocity filters. Each design has its own rows in the envelope.
 //!
-//! Each design has these words in the device record: name (text, then zeros, 16 bytes), number of the estimator, eight
-//! parameters. A parameter is an IEEE 754 double, low word first. Designs are numbered from 1, in their order. A design
-//! is skipped if this build lacks its estimator. Settings use a design if their estimator and every parameter are equal
-//! to those of the design, to the last bit. So saved settings need no further field for the design.
+//! In the device record each design has its name (16 bytes, text and then zeros), the number of its estimator, and
+//! eight parameters. A parameter is an IEEE 754 double, low word first. Designs are numbered from 1, in their order. A
+//! design is skipped if this build lacks its estimator. Settings use a design if their estimator and every parameter
+//! are equal to those of the design, to the last bit. So saved settings need no further field for the design.
 
 use crate::{
     VelocitySettings,
@@ -11,14 +11,14 @@ use crate::{
     velocity::{EstimatorName, PARAMETERS},
 };
 
-/// Most designs of a device: telemetry has five bits for their number.
+/// The largest number of designs of a device. Telemetry has five bits for the number of a design.
 pub const DESIGNS_MAX: usize = 16;
 const WORDS: usize = Name::WORDS + 1 + 2 * PARAMETERS;
 
 /// A velocity filter with a name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NamedFilter {
-    /// The name: `a` to `z`, digits, `-`.
+    /// The name. It consists of `a` to `z`, digits and `-`.
     pub name: Name,
     /// Estimator with all its parameters.
     pub velocity: VelocitySettings,
@@ -27,7 +27,7 @@ pub struct NamedFilter {
 /// All designs of a device, as words of its record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Designs<'a> {
-    /// Checked words of the record.
+    /// The words of the record that hold the designs. They are already checked.
     words: &'a [[u32; WORDS]],
 }
 
@@ -49,7 +49,7 @@ fn read(words: &[u32; WORDS]) -> Option<NamedFilter> {
     Some(NamedFilter { name: Name::from_words(name), velocity })
 }
 
-/// Words of a number, low one first.
+/// The two words of a number, the low word first.
 #[expect(clippy::cast_possible_truncation, reason = "halves of 64-bit words")]
 pub(super) fn halves(value: f64) -> [u32; 2] {
     let bits = value.to_bits();
@@ -60,8 +60,8 @@ impl<'a> Designs<'a> {
     /// No designs at all.
     pub const NONE: Self = Self { words: &[] };
 
-    /// The first `count` designs in `words`, and the words behind them. `None` if the designs are not complete, or if a
-    /// name is not allowed or occurs twice.
+    /// Splits `words` into the first `count` designs and the words behind them. Returns `None` if the designs are not
+    /// complete, or if a name is not allowed or occurs twice.
     pub(crate) fn split(count: usize, words: &'a [u32]) -> Option<(Self, &'a [u32])> {
         if count > DESIGNS_MAX {
             return None;
@@ -79,7 +79,7 @@ impl<'a> Designs<'a> {
         Some((Self { words }, rest))
     }
 
-    /// Writes the designs to the front of `words`. Returns the number of words, or `None` without room.
+    /// Writes the designs to the front of `words`. Returns the number of written words, or `None` if there is no room.
     pub(crate) fn put(designs: &[NamedFilter], words: &mut [u32]) -> Option<usize> {
         let places = words.as_chunks_mut::<WORDS>().0.get_mut(..designs.len())?;
         for (place, NamedFilter { name, velocity }) in places.iter_mut().zip(designs) {
@@ -91,7 +91,7 @@ impl<'a> Designs<'a> {
         Some(designs.len() * WORDS)
     }
 
-    /// Number of designs, also with estimators that this build lacks.
+    /// Number of designs, including those whose estimator this build lacks.
     pub const fn count(&self) -> usize {
         self.words.len()
     }
@@ -101,12 +101,12 @@ impl<'a> Designs<'a> {
         (1..).zip(self.words).filter_map(|(number, words)| Some((number, read(words)?)))
     }
 
-    /// Number of the design that equals these settings; 0: no design equals them.
+    /// Number of the design that equals these settings, or 0 if no design equals them.
     pub fn number_of(&self, velocity: &VelocitySettings) -> u8 {
         self.iter().find(|(_, design)| design.velocity == *velocity).map_or(0, |(number, _)| number)
     }
 
-    /// Name of the design with this number; `none` if there is no such design.
+    /// Name of the design with this number, or `none` if there is no such design.
     pub fn name_of(&self, number: u8) -> Name {
         let found = self.iter().find(|(known, _)| *known == number);
         found.map_or(const { Name::of("none") }, |(_, design)| design.name)
@@ -123,7 +123,7 @@ pub(crate) mod tests {
     use super::*;
     use std::vec::Vec;
 
-    /// Low-passes, which every build has, the first with the longest name.
+    /// Two designs for tests. Both are low-passes, which every build has. The first has the longest possible name.
     pub(crate) const NAMED: [NamedFilter; 2] = [
         NamedFilter {
             name: Name::of("0123456789abcdef"),

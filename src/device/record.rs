@@ -1,5 +1,5 @@
-//! The device record, which makes an image the firmware of one device. `cargo sim prepare` writes the record. The board
-//! stores it in a separate flash sector.
+//! The device record. With it, an image becomes the firmware of one device. `cargo sim prepare` writes the record, and
+//! the board stores it in a separate flash sector.
 //!
 //! The record consists of 32-bit words, least significant byte first. A number is an IEEE 754 double, low word first.
 //!
@@ -50,17 +50,17 @@ use crate::{
     velocity::{EstimatorName, PARAMETERS, Sense},
 };
 
-/// Longest record, words: a flash sector of 16 KiB.
+/// Length of the longest record, in words. It fills a flash sector of 16 KiB.
 pub const WORDS_MAX: usize = 4096;
 /// Version of the layout.
 pub const LAYOUT: u8 = 4;
-/// Offset of the board's name, bytes.
+/// Offset of the board's name, in bytes.
 pub const BOARD_AT: usize = 12;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"ZWD\0");
 const HEAD: u32 = MAGIC | (LAYOUT as u32) << 24;
 const BLANK: u32 = u32::MAX;
-/// Words before the numbers. The next line: words before designs and envelope.
+/// Number of words before the numbers. `BEFORE_TABLES` is the number of words before designs and envelope.
 const FIXED: usize = 17;
 const BEFORE_TABLES: usize = FIXED + 2 * NUMBERS;
 
@@ -68,11 +68,11 @@ const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
 const QUIET: u32 = 8;
-/// Lowest bit of the number of designs.
+/// In the word of the flags, the lowest bit of the number of designs.
 const DESIGNS: u32 = 8;
 
 const NUMBERS: usize = 39 + KEPT;
-/// Numbers that are parameters of the estimator.
+/// How many of the record's numbers are parameters of the estimator.
 const KEPT: usize = 8;
 // If `PARAMETERS` changes, the layout needs a new version.
 const _: () = assert!(PARAMETERS == KEPT);
@@ -82,13 +82,13 @@ const _: () = assert!(PARAMETERS == KEPT);
 pub struct BoardFacts {
     /// Name of the board.
     pub name: &'static str,
-    /// Samples per second, Hz.
+    /// Samples per second, in Hz.
     pub rate_hz: f64,
     /// Kind of the board's force output.
     pub output: Output,
     /// Senses that an estimator can use beside the count.
     pub senses: &'static [Sense],
-    /// Shortest time from the counter's reading to the force, samples.
+    /// The time from the reading of the counter to the force, in samples. A record must not have a shorter one.
     pub latency_samples: f64,
 }
 
@@ -104,19 +104,20 @@ pub enum BadRecord {
     Blank,
     /// The words do not begin like a record.
     Foreign,
-    /// Another version of the layout.
+    /// The record has this other version of the layout.
     Layout(u8),
-    /// The record is cut short, or longer than the sector. The value is the stated length, words.
+    /// The record is cut short, or longer than the sector. The value is the length that the record states, in words.
     Length(u32),
     /// The record's checksum is wrong.
     Damaged,
     /// The record is for this other board.
     Board(Name),
-    /// A name is no text.
+    /// A name in the record is not valid text.
     Name,
-    /// Flags that this layout does not have, or a value for a parameter that the estimator does not have.
+    /// The record has flags that this layout does not know, or a value for a parameter that the estimator does not
+    /// have.
     Unknown,
-    /// Another kind of output.
+    /// The record states another kind of output than the board has.
     Output,
     /// This build has no estimator of that number.
     Estimator(u32),
@@ -136,7 +137,7 @@ impl From<SettingsError> for BadRecord {
     }
 }
 
-/// Length of the shortest record, words.
+/// Length of the shortest record, in words.
 pub const WORDS_MIN: usize = BEFORE_TABLES + 1;
 
 /// Checks a record. Returns its fixed words, the words of its tables, and its hash.
@@ -166,13 +167,13 @@ fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
     Ok((fixed, rest, *check))
 }
 
-/// The record at the front of these words, without the words behind it. All words, if the length of the record is not
-/// possible. The last word of a record is the checksum of all words before it.
+/// Returns the record at the front of these words, without the words behind it. If the length that it states is not
+/// possible, returns all words. The last word of a record is the checksum of all words before it.
 pub fn record_in(words: &[u32]) -> &[u32] {
     stated(words).unwrap_or(words)
 }
 
-/// The first words, as many as the second word states.
+/// Returns as many of the first words as the second word states, which is the record's length.
 fn stated(words: &[u32]) -> Option<&[u32]> {
     words.get(..usize::try_from(*words.get(1)?).ok()?)
 }
@@ -195,7 +196,7 @@ fn words_of(output: Output) -> [u32; 2] {
 }
 
 impl<'a> Device<'a> {
-    /// The device of the record at the front of `words`, on that board. All its numbers are checked.
+    /// Reads the device from the record at the front of `words`, for this board, and checks all its numbers.
     ///
     /// # Errors
     /// Says what is wrong with the record.
@@ -215,7 +216,7 @@ impl<'a> Device<'a> {
         Ok(device)
     }
 
-    /// Checks that are possible before anything runs.
+    /// Makes all checks that are possible before anything runs.
     fn check(&self) -> Result<(), BadRecord> {
         let defaults = self.defaults();
         if self.unfit(&defaults).is_some() {
@@ -270,7 +271,7 @@ impl<'a> Device<'a> {
         let count = (flags >> DESIGNS & 0xFF) as usize;
         let (designs, envelope) = Designs::split(count, tables).ok_or(BadRecord::Designs)?;
         let mut numbers = stated.as_chunks::<2>().0.iter();
-        // In the order of `numbers`.
+        // Returns the next number. They are read in the order of the function `numbers`.
         let mut next = || match numbers.next() {
             Some(&[low, high]) => f64::from_bits(u64::from(low) | u64::from(high) << 32),
             None => f64::NAN,

@@ -1,4 +1,4 @@
-//! Plans that follow from a device, and refused settings.
+//! Tests the plans that are computed from a device, and settings that a device refuses.
 
 use std::{sync::LazyLock, vec::Vec};
 
@@ -15,7 +15,7 @@ pub(crate) const fn point(damping_n_s_per_m: f64, stiffness_high_n_per_m: f64) -
     Point { damping_n_s_per_m, stiffness_low_n_per_m: 0.0, stiffness_high_n_per_m }
 }
 
-/// Envelope of the device: 1500 Hz, output at 1 kHz.
+/// The envelope of the test device, for a cutoff of 1500 Hz and outputs at 1 kHz.
 pub(crate) const BOUNDARY: Boundary<'static> = Boundary {
     key: Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10, design: 0 },
     points: &[point(0.0, 4000.0), point(50.0, 20_000.0)],
@@ -26,7 +26,7 @@ static ENVELOPE: LazyLock<Vec<u32>> = LazyLock::new(|| {
     Envelope::put(&[BOUNDARY], &mut words).unwrap().to_vec()
 });
 
-/// The paper's device, which senses only the force.
+/// The paper's device. Beside the count it senses only the force.
 pub(crate) static DEVICE: LazyLock<Device<'static>> = LazyLock::new(|| Device {
     board: Name::of("a-board"),
     key: DeviceKey { name: Name::of("bench"), hash: 0x0123_4567 },

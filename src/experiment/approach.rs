@@ -30,15 +30,15 @@ impl AbortReason {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Approach {
     back: Return,
-    /// Whether the return move is under way; otherwise the motor cools down.
+    /// Whether the return move is under way. If not, the motor is cooling down.
     moves: bool,
-    /// Outputs of the cooling time so far.
+    /// Number of outputs since the motor began to cool down.
     cooled: u32,
 }
 
 impl Approach {
-    /// The push for this output. `None`: the handle rests at the start, and the motor is cool enough. `contact`: the
-    /// handle is inside the wall.
+    /// Returns the push for this output. Returns `None` when the handle rests at the start and the motor is cool
+    /// enough. `contact` says whether the handle is inside the wall.
     ///
     /// # Errors
     /// The handle does not get to the start.
@@ -103,7 +103,7 @@ mod tests {
             let push = approach.output((&back, &stands), (Position::from_counts(0), false), duty);
             (push.unwrap(), approach.cools())
         };
-        // It must rest for 20 ms.
+        // The handle must rest for 20 ms before it counts as arrived.
         for _ in 0..19 {
             assert_eq!(output(&cold), (Some(Force::ZERO), false));
         }

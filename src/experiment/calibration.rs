@@ -1,4 +1,4 @@
-//! Force calibration: a constant force outside the wall. It rises slowly and is then held, so that a weight or a force
+//! The force calibration. Outside the wall, a force rises slowly and is then held constant, so that a weight or a force
 //! gauge can measure it. The calibration ends by itself when the handle moves.
 //!
 //! docs/tuning.md has two ways to use it. In the first way a gauge holds the handle and shows the force. In the second
@@ -13,22 +13,22 @@ use crate::{
     units::{Force, Position},
 };
 
-/// The calibration in SI units and percent.
+/// Settings of the calibration, in SI units and percent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationSettings {
-    /// Target force, percent of full scale: -30 to 30.
+    /// Target force, in percent of full scale. The range is -30 to 30.
     pub percent: f64,
-    /// Rise of the force, percent of full scale per second.
+    /// Rise of the force, in percent of full scale per second.
     pub rise_percent_per_s: f64,
-    /// Time to hold the force, s.
+    /// Time to hold the force, in s.
     pub hold_s: f64,
-    /// Distance after which the handle counts as moved, m. The distance is measured from the position of the first
+    /// Distance after which the handle counts as moved, in m. The distance is measured from the position of the first
     /// output.
     pub travel_m: f64,
 }
 
 impl CalibrationSettings {
-    /// Allowed forces, percent of full scale.
+    /// Allowed forces, in percent of full scale.
     pub const PERCENT: core::ops::RangeInclusive<f64> = -30.0..=30.0;
 
     /// Checks and converts the settings.
@@ -60,21 +60,21 @@ impl CalibrationSettings {
     }
 }
 
-/// Longest calibration, s, also if its force is changed often.
+/// The longest time of a calibration, in s. It also holds if the force is changed again and again.
 const LONGEST_S: f64 = 120.0;
 
 /// The calibration in integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CalibrationPlan {
-    /// Force to reach, LSB of [`Force`].
+    /// Force to reach, in LSB of [`Force`].
     target: i32,
-    /// Change of the force per output, LSB of [`Force`].
+    /// Change of the force per output, in LSB of [`Force`].
     step: i32,
-    /// Time to hold the force, outputs.
+    /// Time to hold the force, in outputs.
     hold: u32,
-    /// Longest time of the whole calibration, outputs.
+    /// Longest time of the whole calibration, in outputs.
     longest: u32,
-    /// Travel that ends the calibration, counts.
+    /// Travel that ends the calibration, in counts.
     travel: u32,
 }
 
@@ -110,19 +110,19 @@ pub struct Calibration {
     /// Position of the handle at the first output.
     origin: Option<Position>,
     force: i32,
-    /// Outputs since the force was complete.
+    /// Number of outputs since the force reached its target.
     held: u32,
     /// Outputs since the calibration began.
     outputs: u32,
 }
 
 impl Calibration {
-    /// A calibration whose first output is still to come.
+    /// Makes a calibration whose first output is still to come.
     pub fn new(plan: CalibrationPlan) -> Self {
         Self { plan: Doubled::new(plan), origin: None, force: 0, held: 0, outputs: 0 }
     }
 
-    /// Flips a bit of the plan's copy.
+    /// Flips a bit of the second copy of the plan.
     #[cfg(test)]
     pub fn spoil(&mut self) {
         self.plan.spoil(CalibrationPlan { hold: self.plan.hold ^ 1, ..*self.plan });
@@ -134,14 +134,14 @@ impl Calibration {
         self.plan.is_whole()
     }
 
-    /// Continues from the present force to another force. The total time is not restarted, because the check for a push
-    /// without motion is off during a calibration.
+    /// Continues from the present force to another force. The total time does not start again. It must stay limited,
+    /// because the check for a push without motion is off during a calibration.
     pub fn retarget(&mut self, plan: CalibrationPlan) {
         self.plan.set(plan);
         self.held = 0;
     }
 
-    /// The push for this output. `contact`: the handle is inside the wall.
+    /// Returns the push for this output. `contact` says whether the handle is inside the wall.
     ///
     /// # Errors
     /// The calibration is over. There is no push any more.
@@ -158,7 +158,7 @@ impl Calibration {
             return Err(CalibrationEnd::TimeUp);
         }
         let step = self.plan.step;
-        // both within +-0.3 full scale
+        // Both forces are within +-0.3 of full scale, so the difference cannot overflow.
         self.force += (self.plan.target - self.force).max(-step).min(step); // clamp could panic
         if self.force == self.plan.target {
             self.held = self.held.saturating_add(1);
@@ -169,7 +169,7 @@ impl Calibration {
         Ok(Force::saturating_from_bits(self.force))
     }
 
-    /// Whether the force is complete with this output for the first time.
+    /// Whether the force has reached its target at this output for the first time.
     pub fn is_complete_now(&self) -> bool {
         self.held == 1
     }
@@ -274,9 +274,9 @@ mod tests {
         assert!(next < last && last - next <= (1 << 30) / 50_000 + 1);
     }
 
-    /// The force, in percent, at which a weight on a handle with dry friction has moved by 1 mm. There are two ways. In
-    /// the first way 15 % lift the weight off a block. In the second way the force falls from 15 % to 5 %. Meanwhile a
-    /// block above holds the handle, and the block below is taken away.
+    /// Simulates the weighing of docs/tuning.md. Returns the force, in percent of full scale, at which a weight on a
+    /// handle with dry friction has moved by 1 mm. If `lifted`, a force that rises to 15 % lifts the weight off a
+    /// block. If not, the force falls from 15 % to 5 %, with a block above the handle and none below.
     fn weighed(weight_percent: f64, friction_n: f64, lifted: bool) -> f64 {
         let plan = |percent| CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap();
         let weight_n = weight_percent / 100.0 * DESIGN.full_scale_n;
@@ -309,8 +309,8 @@ mod tests {
         panic!("it never moves");
     }
 
-    /// Limits in percent of full scale, which docs/tuning.md states. `LIFTING`: excess of the force over weight and
-    /// friction while the handle moves by 1 mm. `MEAN_OFF`: error of the mean of both ways.
+    /// Limits that docs/tuning.md states, in percent of full scale. `LIFTING` is how much the force may exceed weight
+    /// and friction while the handle moves by 1 mm. `MEAN_OFF` is the error of the mean of both ways to weigh.
     const LIFTING: f64 = 0.8;
     const MEAN_OFF: f64 = 0.005;
 

@@ -1,4 +1,5 @@
-//! Duty limit: an I^2 t model of the motor's winding, so that experiments pause before they overheat it.
+//! The duty limit. It is an I^2 t model of the motor's winding. With it, experiments pause before they overheat the
+//! winding.
 //!
 //! A motor's loss rises with the square of its current. With a current-mode amplifier the force is proportional to the
 //! current. The winding is one thermal mass. IEC 60034-11 calls this protection "thermal model", drives call it I^2 t:
@@ -23,13 +24,13 @@ use crate::{
 
 /// Fractional bits of the heat.
 const FRACTION: u32 = 2 * Force::FRACTION_BITS;
-/// Fractional bits of a difference of heats for the product: +-1 fits 32 bits.
+/// Fractional bits of a difference of heats in the multiplication. With them the range +-1 fits into 32 bits.
 const DIFFERENCE: u32 = 30;
 
-/// Thermal limits of the motor, SI units.
+/// Thermal limits of the motor, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DutySettings {
-    /// Force that the motor can give for ever, N. The limit of the heat is (continuous force / full scale)^2.
+    /// Force, in N, that the motor can give for ever. The limit of the heat is (continuous force / full scale)^2.
     pub continuous_force_n: f64,
     /// Thermal time constant of the winding, s: 1 to 3600.
     pub time_constant_s: f64,
@@ -38,7 +39,7 @@ pub struct DutySettings {
 /// The limit in integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DutyPlan {
-    /// Part of the heat that one output exchanges, LSB of heat per LSB of a difference.
+    /// Factor by which one output moves the heat towards u^2. The unit is LSB of the heat per LSB of the difference.
     exchange: Gain,
     /// Heat that must not be exceeded.
     limit: i64,
@@ -56,8 +57,8 @@ impl DutyPlan {
 }
 
 impl DutySettings {
-    /// Longest hit at full force that a cold motor can bear, s. 0: it can bear none. Infinite: it can give full scale
-    /// for ever.
+    /// Length, in s, of the longest hit at full force that a cold motor can bear. It is 0 if the motor can bear none,
+    /// and infinite if it can give full scale for ever.
     #[expect(clippy::float_arithmetic, reason = "design time")]
     pub fn longest_hit_s(&self, design: &Design) -> f64 {
         let period_s = design.period_s();
@@ -93,7 +94,8 @@ impl DutySettings {
         let force = self.continuous_force_n;
         within("duty_continuous_force_n", force, least..=design.full_scale_n)?;
         let limit = (force / design.full_scale_n) * (force / design.full_scale_n);
-        // At least the lower end of the range above, although rounding of a small `kept` could give less.
+        // The rounding of a small `kept` could give less than the lower end of the range above. So the value is at
+        // least this lower end.
         let ready = f64::max(1.0 - (1.0 - limit) / kept, RESERVE) - 1e-4;
         let bits = |value: f64| libm::floor(libm::scalbn(value, FRACTION.cast_signed())) as i64;
         Ok(DutyPlan {
@@ -113,18 +115,19 @@ impl DutySettings {
 /// Reserve of heat for rounding, and for a return move that warms a cold motor before the hit.
 const RESERVE: f64 = 1e-3;
 
-/// Outputs that the model adds to a hit, because the hit's force rises and falls: 50 ms, at least 50 outputs.
+/// Number of outputs that the model adds to a hit, because the force of a hit also has to rise and to fall. They last
+/// 50 ms, and are at least 50.
 fn spare_outputs(design: &Design) -> f64 {
     f64::from(50 * design.samples_per_ms().div_ceil(design.period.max(1)))
 }
 
-/// Time constants after which no heat is left: exp(-9.3) is 1e-4, the smallest `ready`.
+/// Number of time constants after which the motor counts as cold. exp(-9.3) is 1e-4, and no `ready` is smaller.
 const PATIENCE: f64 = 9.3;
 
 /// Temperature of the motor in the model. The motor is cold at reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Duty {
-    /// Part of the heat of full force, 0 to 1, with [`FRACTION`] fractional bits.
+    /// Heat as a part of the final heat at full force, 0 to 1, with [`FRACTION`] fractional bits.
     heat: i64,
 }
 
@@ -189,7 +192,8 @@ mod tests {
         assert!(duty.per_mille() == 0 && duty.is_ready(&plan));
     }
 
-    /// Compares every accepted output period, sample rate and time constant with the weighted mean itself.
+    /// Compares the model with the weighted mean that it stands for, over the accepted output periods, sample rates and
+    /// time constants.
     #[test]
     fn no_accepted_design_overflows_or_loses_the_heat() {
         for (rate_hz, period) in [(1e3, 10), (1e3, 1000), (5e4, 1000), (1e4, 10), (5e4, 1)] {

@@ -27,7 +27,8 @@ pub(crate) enum Experiment {
 #[derive(Clone)]
 pub struct Experiments {
     experiment: Experiment,
-    /// Kind of the running experiment, stored twice, so that a flipped bit begins no experiment.
+    /// Kind of the running experiment. It repeats what `experiment` says, so that a flipped bit cannot begin an
+    /// experiment.
     activity: Activity,
     /// Push of the next output.
     push: Force,
@@ -35,11 +36,13 @@ pub struct Experiments {
     pushed: Force,
     duty: Duty,
     duty_plan: Doubled<DutyPlan>,
-    /// Event of an experiment that has begun or has ended by itself. It waits until it is taken.
+    /// The event of an experiment that has reached a stage or has ended by itself. It waits here until the caller takes
+    /// it.
     news: Event,
-    /// Codes of the outputs in the window of the last hit.
+    /// Mean and variance of the output codes in the window of the last hit.
     codes: RunningVariance,
-    /// The hit is over. The codes of its outputs follow in a separate event, so that a report stays short.
+    /// Whether a hit is over whose codes must still be sent. They follow in a separate event, so that a report stays
+    /// short.
     tells_codes: bool,
     /// Event with the codes, sent after the end of the hit was reported.
     codes_news: Event,
@@ -62,7 +65,7 @@ impl Experiments {
         }
     }
 
-    /// The running activity beside the wall.
+    /// What runs at the moment, apart from the wall.
     #[inline(always)]
     pub fn activity(&self) -> Activity {
         self.activity
@@ -86,7 +89,7 @@ impl Experiments {
         matches!(&self.experiment, Experiment::Hit(hit) if hit.is_fresh())
     }
 
-    /// The event for the caller to take: `Event::None` if there is none.
+    /// The event that the caller must take. It is `Event::None` if there is none.
     #[inline(always)]
     pub fn news(&mut self) -> &mut Event {
         if matches!(self.news, Event::None) { &mut self.codes_news } else { &mut self.news }
@@ -123,7 +126,7 @@ impl Experiments {
     /// Runs a pulse train.
     ///
     /// # Errors
-    /// An experiment is running. Or `wall` has a force, although the console assumes none.
+    /// An experiment is running, or `wall` has a force. The console has checked that it has none.
     #[inline(always)]
     pub fn pulses(&mut self, plan: PulseTrainPlan, wall: &Wall) -> Result<(), Refusal> {
         self.free()?;
@@ -172,9 +175,9 @@ impl Experiments {
         self.news = news;
     }
 
-    /// Call this function after an output, with the granted force, the output's position, and `positions` of the
-    /// samples since the last output. The function computes the next push. This push does not come too late: a return
-    /// move tolerates a millisecond, and a hit begins with the output of its push.
+    /// Computes the next push. Call it after each output, with the force that was granted, the position at this output,
+    /// and the `positions` of the samples since the last output. The push acts one output later. That is not too late:
+    /// a return move tolerates a millisecond, and a hit begins only with the output of its push.
     #[inline(always)]
     pub fn follow(
         &mut self,
@@ -297,8 +300,8 @@ mod tests {
 
     const ON: OutputCommand = OutputCommand::On(GrantedForce::ZERO);
 
-    /// A handle on the surface is not in contact. Three cases: the first sample of a hit, a later sample of a hit, and
-    /// a calibration.
+    /// A handle on the surface is not in contact. This is tested for the first sample of a hit, for a later sample of a
+    /// hit, and for a calibration.
     #[test]
     fn contact_begins_one_count_behind_the_surface() {
         let stored = DEVICE.defaults();

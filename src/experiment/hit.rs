@@ -1,5 +1,5 @@
-//! The wall hit (paper, 2.2.3). A constant push drives the handle against the wall. After a settle time the RMS of the
-//! count about its mean, over a window, gives the verdict.
+//! The wall hit (paper, 2.2.3). A constant push drives the handle against the wall. After a settle time a window
+//! begins. The RMS of the count about its mean in this window gives the verdict.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -13,13 +13,13 @@ use crate::{
 /// The wall-hit experiment in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitSettings {
-    /// Constant push of the hit, N.
+    /// Constant push of the hit, in N.
     pub push_n: f64,
     /// Time before the hit is judged, s.
     pub settle_s: f64,
     /// Time over which the hit is judged, s.
     pub window_s: f64,
-    /// A hit with an RMS below this is `stable`, m.
+    /// Limit of the RMS, in m. A hit whose RMS is below it is `stable`.
     pub rms_limit_m: f64,
 }
 
@@ -53,7 +53,7 @@ pub struct HitPlan {
     pub settle: u32,
     /// Samples in the window.
     pub window: u32,
-    /// A hit with an RMS below this is `stable`.
+    /// Limit of the RMS. A hit whose RMS is below it is `stable`.
     pub limit: RmsLimit,
 }
 
@@ -101,12 +101,12 @@ pub struct Hit {
 }
 
 impl Hit {
-    /// A hit whose first sample is still to come.
+    /// Makes a hit whose first sample is still to come.
     pub fn new(plan: HitPlan) -> Self {
         Self { plan, samples: 0, contact_samples: 0, scatter: RunningVariance::default() }
     }
 
-    /// A hit in its window, whose samples so far were summed up elsewhere.
+    /// Continues a hit inside its window. The sums of the samples so far were computed elsewhere.
     pub fn in_window(plan: HitPlan, contact_samples: u32, scatter: RunningVariance) -> Self {
         Self { plan, samples: plan.settle, contact_samples, scatter }
     }
@@ -122,7 +122,7 @@ impl Hit {
         self.plan.push
     }
 
-    /// Takes one sample: the position, and whether it is inside the wall.
+    /// Takes one sample. `contact` says whether its position is inside the wall.
     #[inline]
     pub fn sample(&mut self, position: Position, contact: bool) -> Option<Verdict> {
         if self.samples < self.plan.settle {
@@ -137,7 +137,7 @@ impl Hit {
         self.is_over().then(|| self.verdict())
     }
 
-    /// The verdict before the end of the window, if it cannot change any more.
+    /// Returns the verdict before the end of the window, if later samples cannot change it any more.
     pub fn certain_verdict(&self) -> Option<Verdict> {
         let unstable =
             self.contact_samples > 0 && self.scatter.must_reach(self.plan.limit, self.plan.window);
@@ -150,7 +150,7 @@ impl Hit {
         self.scatter.samples() >= self.plan.window
     }
 
-    /// Sums of the window so far.
+    /// Count, sum and sum of squares of the window's samples so far.
     #[inline]
     pub fn scatter(&self) -> &RunningVariance {
         &self.scatter
@@ -162,7 +162,7 @@ impl Hit {
         self.contact_samples
     }
 
-    /// The verdict of the window so far.
+    /// The verdict that follows from the window's samples so far.
     pub fn verdict(&self) -> Verdict {
         if self.contact_samples == 0 {
             Verdict::NoContact

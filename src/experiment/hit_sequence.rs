@@ -1,4 +1,5 @@
-//! One hit on the device, with the approach before it: a warm motor cools down, then the return move follows.
+//! One hit on the device, with everything before it. First a warm motor cools down, then the return move brings the
+//! handle to the start.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -20,15 +21,15 @@ pub struct HitSequencePlan {
     pub back: ReturnPlan,
     /// Thermal limits of the motor.
     pub duty: DutyPlan,
-    /// Outputs from one check to the next. A check finds out whether the verdict is already certain. A certain verdict
-    /// is given at once. [`NEVER`](Self::NEVER): no such checks.
+    /// Number of outputs from one check to the next. A check finds out whether the verdict is already certain, and
+    /// gives a certain verdict at once. With [`NEVER`](Self::NEVER) there are no such checks.
     pub look: u32,
 }
 
 impl HitSequencePlan {
-    /// No checks: the verdict comes at the end of the window.
+    /// Value of `look` without checks. The verdict then comes at the end of the window.
     pub const NEVER: u32 = u32::MAX;
-    /// Milliseconds between two of these checks.
+    /// Milliseconds from one check for a certain verdict to the next.
     pub(crate) const LOOK_MS: u32 = 32;
 }
 
@@ -46,16 +47,16 @@ pub struct HitSequence {
     stands: DutyPlan,
     look: u32,
     phase: Phase,
-    /// Whether the phase is the hit, stored twice, so that a flipped bit begins no hit.
+    /// Whether the phase is the hit. It repeats what `phase` says, so that a flipped bit cannot begin a hit.
     hits: bool,
     /// Outputs since the last check for an early verdict.
     looked: u32,
-    /// The hit began with the last output.
+    /// Whether the hit began with the last output.
     fresh: bool,
 }
 
 impl HitSequence {
-    /// A hit sequence whose first output is still to come.
+    /// Makes a hit sequence whose first output is still to come.
     #[inline(always)]
     pub fn new(plan: HitSequencePlan) -> Self {
         let HitSequencePlan { hit, back, duty: stands, look } = plan;
@@ -69,14 +70,14 @@ impl HitSequence {
         Self { phase: Phase::Hit(Hit::new(plan.hit)), hits: true, ..Self::new(plan) }
     }
 
-    /// Flips a bit of the push's copy.
+    /// Flips a bit of the second copy of the push.
     #[cfg(test)]
     pub fn spoil(&mut self) {
         let push = Force::saturating_from_bits(self.hit.push.bits() ^ 1);
         self.hit.spoil(HitPlan { push, ..*self.hit });
     }
 
-    /// Whether the hit is the ordered hit, and the phase is unchanged.
+    /// Whether the hit is still the hit that was ordered, and no flipped bit has changed the phase.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         let begun = match &self.phase {
@@ -86,7 +87,7 @@ impl HitSequence {
         begun && self.hit.is_whole()
     }
 
-    /// The push for this output. `contact`: the handle is inside the wall.
+    /// Returns the push for this output. `contact` says whether the handle is inside the wall.
     ///
     /// # Errors
     /// The sequence cannot continue. There is no push any more.
@@ -115,7 +116,7 @@ impl HitSequence {
         self.fresh
     }
 
-    /// Takes one sample: the position, and whether it is inside the wall.
+    /// Takes one sample. `contact` says whether its position is inside the wall.
     #[inline]
     pub fn sample(&mut self, position: Position, contact: bool) -> Option<Verdict> {
         match &mut self.phase {
@@ -124,7 +125,7 @@ impl HitSequence {
         }
     }
 
-    /// The verdict before the end of the window, if the plan allows it and it is certain.
+    /// Returns a verdict before the end of the window, if the plan allows it and the verdict is certain.
     pub fn early_verdict(&mut self) -> Option<Verdict> {
         let Phase::Hit(hit) = &self.phase else { return None };
         if self.looked < self.look {
@@ -134,7 +135,7 @@ impl HitSequence {
         hit.certain_verdict()
     }
 
-    /// Sums of the window so far; empty before the hit.
+    /// Sums of the window's samples so far. They are empty before the hit.
     pub fn scatter(&self) -> &RunningVariance {
         match &self.phase {
             Phase::Hit(hit) => hit.scatter(),

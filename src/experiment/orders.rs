@@ -13,7 +13,7 @@ use crate::{
     units::Force,
 };
 
-/// The running activity beside the wall.
+/// What the board is doing, apart from the wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Activity {
     /// Nothing besides the wall.
@@ -21,7 +21,7 @@ pub enum Activity {
     None,
     /// A hit of the wall.
     Hit,
-    /// The pushes of a quiet hit. The hit sets the push by itself.
+    /// A hit with the criterion `quiet`, which has several pushes. The hit sets the push by itself.
     Pushes,
     /// A boundary walk. The walk sets K and B by itself.
     Walk,
@@ -44,8 +44,8 @@ impl Activity {
     }
 }
 
-/// Values that depend on the output period, without the loop's parameters. The parameters are ordered after these
-/// values.
+/// The values that depend on the output period, except the loop's parameters. The console orders the parameters after
+/// these values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PeriodPlan {
     /// Thermal limits of the motor.
@@ -66,7 +66,8 @@ pub enum Order {
     /// New settings, and whether their gains are inside the envelope. Gains outside the envelope are allowed only if
     /// the envelope is unlocked.
     LoopParameters(LoopParameters, Gains),
-    /// Values for the output period of the next parameters. Allowed only with the force off.
+    /// The values for a new output period. The loop's parameters for this period follow in the next order. It is
+    /// allowed only with the force off.
     Period(PeriodPlan),
     /// Run a wall hit.
     Hit(HitSequencePlan),
@@ -80,7 +81,7 @@ pub enum Order {
     Stop,
     /// Send the content of the black box.
     Replay,
-    /// The host is present, and promises to send `alive` again.
+    /// The host is present, and states the time within which it will send `alive` again.
     Alive(Promise),
 }
 
@@ -100,15 +101,15 @@ pub enum Event {
     None,
     /// An order was accepted or refused.
     Answer(Result<(), Refusal>),
-    /// A hit is over: its verdict, and the counts of its window.
+    /// A hit is over. The fields are its verdict, and mean and variance of the position over its window.
     HitOver(Verdict, RunningVariance),
-    /// The codes of the outputs in the window of the hit. Comes after [`HitOver`](Event::HitOver).
+    /// Mean and variance of the output codes in the window of the hit. It comes after [`HitOver`](Event::HitOver).
     HitCodes(RunningVariance),
     /// A hit ended without a verdict.
     HitAborted(AbortReason),
     /// A pulse train is complete, or ended early.
     PulsesOver(Result<(), AbortReason>),
-    /// The force of a calibration is complete.
+    /// The force of a calibration has reached its target.
     CalibrationHolds,
     /// A calibration is over.
     CalibrationOver(CalibrationEnd),

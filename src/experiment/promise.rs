@@ -1,5 +1,5 @@
-//! A host promises to send `alive` within a time. If the host fails while the force is on, the board notices the
-//! silence.
+//! A host can promise to send the command `alive` again within a certain time. If it fails to do so while the force is
+//! on, the board notices the silence.
 
 use crate::{
     period::SAMPLES_PER_MS,
@@ -7,20 +7,20 @@ use crate::{
     safety::Doubled,
 };
 
-/// Longest time from one `alive` to the next. The default, 0, is no promise.
+/// The promise of a host: the longest time from one command `alive` to the next. By default there is no promise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Promise {
-    /// 0: no promise.
+    /// The time in samples. It is 0 without a promise.
     samples: u32,
 }
 
 impl Promise {
-    /// Shortest promise, ms: longer than `link` may need for a line.
+    /// The shortest time of a promise, in ms. It is longer than the task `link` may need for a line.
     const LEAST_MS: f64 = 20.0;
-    /// Longest time of a promise, ms.
+    /// Longest time of a promise, in ms.
     const MOST_MS: f64 = 10_000.0;
 
-    /// A promise of an `alive` within each `ms`; 0: no promise.
+    /// The promise that `alive` comes again within `ms` milliseconds. With 0 there is no promise.
     ///
     /// # Errors
     /// The time is too short or too long.
@@ -34,11 +34,11 @@ impl Promise {
     }
 }
 
-/// The host: its promise, and the time of its last `alive`.
+/// What the board knows about the host: its promise, and the time of its last `alive`.
 #[derive(Clone, Copy, Debug)]
 pub struct Host {
     promise: Doubled<Promise>,
-    /// Sample of the last output. The next field: sample of the last `alive`.
+    /// Number of the last output's sample. `heard` is the number of the sample at the last `alive`.
     now: u32,
     heard: u32,
 }
@@ -57,7 +57,7 @@ impl Host {
         self.promise.is_whole()
     }
 
-    /// Takes an `alive`, with the promise of the next `alive`.
+    /// Notes that `alive` has come, and the promise about the next one.
     pub fn hear(&mut self, promise: Promise) {
         self.promise.set(promise);
         self.heard = self.now;
@@ -119,7 +119,8 @@ mod tests {
             host.hear(Promise::of(200.0).unwrap());
             let found = (1..=3_000)
                 .find(|n| host.falls_silent(begin + n * u64::from(period), period, true));
-            // The output after this finding switches off: no later than promised, and at most one output too soon.
+            // The output after this finding switches off. This is not later than the promise allows, and at most one
+            // output too soon.
             let off = found.unwrap() * u64::from(period) + u64::from(period);
             assert!((2_000..=2_000 + u64::from(period)).contains(&off), "{period}: {off}");
             assert!((1..=3_000).all(|n| !host.falls_silent(begin + 4_000 + n, period, true)));

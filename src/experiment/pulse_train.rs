@@ -21,22 +21,22 @@ use crate::{
     units::{Force, Position},
 };
 
-/// Length of the first two pulses, s.
+/// Length of the first two pulses, in s.
 pub const SHORT_S: f64 = 0.05;
-/// Length of the last two pulses, s.
+/// Length of the last two pulses, in s.
 pub const LONG_S: f64 = 0.2;
 /// Factor by which the last two pulses are weaker.
 pub const WEAKER: f64 = 4.0;
-/// Time without a force after each pulse, s.
+/// Time without a force after each pulse, in s.
 pub const REST_S: f64 = 3.0;
 /// Number of pulses in a train.
 pub const PULSES: usize = 4;
-/// Push of each pulse, as part of the force.
+/// Push of each pulse, as a part of the force of the train.
 pub const PARTS: [f64; PULSES] = [1.0, -1.0, 1.0 / WEAKER, -1.0 / WEAKER];
-/// Length of each pulse, s.
+/// Length of each pulse, in s.
 pub const LENGTHS_S: [f64; PULSES] = [SHORT_S, SHORT_S, LONG_S, LONG_S];
 
-/// The parts of a pulse train.
+/// A pulse train in integer form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PulseTrainPlan {
     /// Push of each pulse, and its length in outputs.
@@ -83,15 +83,15 @@ pub struct PulseTrain {
     rest: u32,
     back: ReturnPlan,
     stands: DutyPlan,
-    /// Number of complete pulses.
+    /// Number of pulses that are over.
     over: usize,
     phase: Phase,
-    /// Kind of the phase, stored twice, so that a flipped bit begins no pulse.
+    /// Kind of the phase. It repeats what `phase` says, so that a flipped bit cannot begin a pulse.
     part: Part,
 }
 
 impl PulseTrain {
-    /// A train whose first output is still to come.
+    /// Makes a pulse train whose first output is still to come.
     pub fn new(plan: PulseTrainPlan) -> Self {
         let PulseTrainPlan { pulses, rest, back, duty: stands } = plan;
         let phase = Phase::Approach(Approach::default());
@@ -99,7 +99,7 @@ impl PulseTrain {
         Self { pulses: Doubled::new(pulses), rest, back, stands, over: 0, phase, part }
     }
 
-    /// Flips a bit of the pulses' copy.
+    /// Flips a bit of the second copy of the pulses.
     #[cfg(test)]
     pub fn spoil(&mut self) {
         let mut pulses = *self.pulses;
@@ -107,7 +107,7 @@ impl PulseTrain {
         self.pulses.spoil(pulses);
     }
 
-    /// Whether the pulses are the ordered pulses, and the phase is unchanged.
+    /// Whether the pulses are still those that were ordered, and no flipped bit has changed the phase.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.pulses.is_whole() && self.phase.part() == self.part
@@ -119,8 +119,8 @@ impl PulseTrain {
         self.phase = phase;
     }
 
-    /// The push for this output. `None`: all pulses are over. `contact`: the handle is inside the wall, which has no
-    /// force.
+    /// Returns the push for this output. Returns `None` when all pulses are over. `contact` says whether the handle is
+    /// inside the wall, which has no force.
     ///
     /// # Errors
     /// The train cannot continue. There is no push any more.
@@ -191,8 +191,8 @@ mod tests {
         }
     }
 
-    /// Four pulses of both signs and both lengths. Each begins at rest at the start. Only the return move is between
-    /// them.
+    /// The train has four pulses with both signs and both lengths. Each begins at rest at the start. Apart from the
+    /// return move no force acts between them.
     #[test]
     #[cfg_attr(miri, ignore = "four returns in closed loop")]
     fn four_pulses_each_from_rest_at_the_start() {

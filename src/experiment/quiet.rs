@@ -1,10 +1,10 @@
-//! Walls that a person would call quiet. At each of [four pushes](PUSHES) three conditions hold. The handle rests
-//! within a [count](rms_limit_m). The force changes by less than people can feel. The wall
+//! The criterion for a wall that a person would call quiet. At each of [four pushes](PUSHES) three conditions must
+//! hold. The handle rests within a [count](rms_limit_m). The force changes by less than people can feel. The wall
 //! [stands](QuietWindow::stands): its force is K times its penetration.
 //!
-//! At a single push the handle can rest on a whole count by chance, with a constant force. This chance does not repeat
-//! at four neighbouring pushes. During a hit, integers sum up the motion and the codes. The functions here are called
-//! once, at the end of the hit.
+//! With a single push the handle can come to rest on a whole count by chance, and the force is then constant. That does
+//! not happen at all of four neighbouring pushes. During a hit, motion and codes are summed up in integers. The
+//! functions here are called only once, at the end of the hit.
 
 /// Criterion of a stable wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -12,7 +12,7 @@ pub enum Criterion {
     /// The RMS of the counts is below its limit, as in the paper.
     #[default]
     Rms,
-    /// At each of four pushes, handle and force are at rest, and [`QuietWindow::stands`] is true.
+    /// At each of four pushes, handle and force hardly change, and [`QuietWindow::stands`] is true.
     Quiet,
 }
 
@@ -26,33 +26,34 @@ impl Criterion {
     }
 }
 
-/// Shares of the push that are tried one after another.
+/// The four pushes of a hit, as shares of the push in the settings. They act one after another.
 pub const PUSHES: [f64; 4] = [0.97, 0.99, 1.0, 1.03];
 /// The largest of these shares.
 pub const PUSH_MAX: f64 = PUSHES[3];
 /// Smallest difference of two forces that people feel, as a share of the force (Weber fraction; Jones, Percept.
 /// Psychophys. 45, 1989). The RMS of the force must be below this share of the push, unless another limit is set.
 pub const FORCE_SHARE: f64 = 0.07;
-/// Smallest limit of the RMS of the motion, m.
+/// Smallest limit of the RMS of the motion, in m.
 const REST_M: f64 = 1e-6;
-/// [`QuietWindow::stands`] is true if the error of the penetration is below this share, or below a count.
+/// [`QuietWindow::stands`] allows this relative error of the penetration, or one count if that is more.
 const STANDS: f64 = 0.1;
 
-/// Limit of the motion's RMS, m: a count, or 1 um at the handle if that is more.
+/// Limit of the motion's RMS, in m. It is a count, or 1 um at the handle if that is more.
 pub fn rms_limit_m(resolution_m: f64) -> f64 {
     resolution_m.max(REST_M)
 }
 
-/// Force and wall in a window.
+/// Force and wall over the window of a hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuietWindow {
-    /// RMS of the force about its mean, N.
+    /// RMS of the force about its mean, in N.
     pub force_rms_n: f64,
-    /// Mean force of the wall, N.
+    /// Mean force of the wall, in N.
     pub wall_force_n: f64,
-    /// K times the mean penetration, divided by `wall_force_n`. 1 if K carries the load; `None` if `wall_force_n` is 0.
+    /// K times the mean penetration, divided by `wall_force_n`. It is 1 if the spring carries the whole load, and
+    /// `None` if `wall_force_n` is 0.
     pub penetration_ratio: Option<f64>,
-    /// K times one count, N.
+    /// K times one count, in N.
     pub count_n: f64,
 }
 
@@ -62,7 +63,8 @@ pub fn penetration_ratio(spring_n: f64, wall_force_n: f64) -> Option<f64> {
 }
 
 impl QuietWindow {
-    /// Whether the mean penetration is wall force / K, within a tenth or one count.
+    /// Whether the mean penetration equals the wall's force divided by K. A tenth of it, or one count, is allowed as
+    /// error.
     pub fn stands(&self) -> bool {
         let off = STANDS.max(self.count_n / libm::fabs(self.wall_force_n));
         self.penetration_ratio.is_some_and(|ratio| libm::fabs(ratio - 1.0) <= off)

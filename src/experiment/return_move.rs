@@ -28,29 +28,30 @@ use crate::{
     units::{Force, Position},
 };
 
-/// Span of the speed measurement: milliseconds, or outputs if the outputs are more than 1 ms apart.
+/// Time over which the speed is measured, in milliseconds. If outputs are more than 1 ms apart, it is this number of
+/// outputs.
 const SPAN: usize = 8;
-/// Time for which the handle must rest at the start, s.
+/// Time for which the handle must rest at the start, in s.
 const REST_S: f64 = 0.02;
-/// Fractional bits of the moving reference.
+/// Fractional bits of the reference r, which moves to the start.
 const FRACTION: u32 = 16;
 
-/// The return in SI units.
+/// Settings of the return move, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReturnSettings {
-    /// Start of a hit, m.
+    /// Start of a hit, in m.
     pub start_m: f64,
     /// Speed of the reference, m/s: 0.001 to 1.
     pub speed_m_per_s: f64,
     /// Largest force, N: up to half of full scale.
     pub force_n: f64,
-    /// Stiffness of the soft spring, N/m.
+    /// Stiffness of the soft spring, in N/m.
     pub stiffness_n_per_m: f64,
-    /// Damping of the return, N s/m.
+    /// Damping of the return, in N s/m.
     pub damping_n_s_per_m: f64,
-    /// Integral gain, N/(m s).
+    /// Integral gain, in N/(m s).
     pub integral_n_per_m_s: f64,
-    /// Largest distance from the start that counts as arrived, m.
+    /// Largest distance from the start that counts as arrived, in m.
     pub tolerance_m: f64,
     /// Longest time of the return, s: 0.1 to 60.
     pub timeout_s: f64,
@@ -60,18 +61,18 @@ pub struct ReturnSettings {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReturnPlan {
     start: Position,
-    /// Step of the reference, counts per output, 16 fractional bits.
+    /// Step of the reference r at each output, in counts with 16 fractional bits.
     step: i64,
-    /// Largest distance of the reference from the handle, counts.
+    /// Largest distance of the reference from the handle, in counts.
     lead: i32,
     limit: i64,
-    /// Force per count, LSB.
+    /// Force in LSB per count of e.
     stiffness: Gain,
-    /// Force per count by which the error changes in [`SPAN`] times `pace` outputs, LSB.
+    /// Force in LSB per count by which e changes over [`SPAN`] * `pace` outputs.
     damping: Gain,
-    /// Outputs from one speed measurement to the next.
+    /// Number of outputs from one measurement of the speed to the next.
     pace: u32,
-    /// Force per count and output, LSB.
+    /// Force in LSB that the integral gathers at each output, per count of e.
     integral: Gain,
     tolerance: u32,
     rest_outputs: u32,
@@ -79,8 +80,8 @@ pub struct ReturnPlan {
 }
 
 impl ReturnSettings {
-    /// Soft enough for a hand to stop the return. Tuned on the paper's device and on handles of 0.05 to 2 kg, see the
-    /// tests.
+    /// Settings of a return move that a hand can easily stop. They were tuned on the paper's device and on handles of
+    /// 0.05 to 2 kg. See the tests.
     pub const SOFT: Self = Self {
         start_m: 0.0,
         speed_m_per_s: 0.15,
@@ -109,7 +110,7 @@ impl ReturnSettings {
         within("return_speed_m_per_s", self.speed_m_per_s, 1e-3..=1.0)?;
         let half = design.full_scale_n / 2.0;
         within("return_force_n", self.force_n, 1e-3 * design.full_scale_n..=half)?;
-        // r must be able to take its first step.
+        // With a stiffer spring the first step of r would be longer than the lead, and the return could not begin.
         let stiffest = f64::min(1e4, self.force_n * outputs_per_s / self.speed_m_per_s);
         within("return_stiffness_n_per_m", self.stiffness_n_per_m, 1.0..=stiffest)?;
         within("return_damping_n_s_per_m", self.damping_n_s_per_m, 0.0..=1e3)?;
@@ -178,25 +179,28 @@ pub enum ReturnStep {
 /// A return in progress.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Return {
-    /// Position of r, counts, 16 fractional bits; `None` before the first output.
+    /// Position of the reference r, in counts with 16 fractional bits. It is `None` before the first output.
     reference: Option<i64>,
     integral: i64,
-    /// Distance that r has moved by its own steps, 16 fractional bits.
+    /// Distance that r has moved by its own steps, in counts with 16 fractional bits. The handle may have taken r along
+    /// in addition.
     planned: i64,
-    /// The last distances of `planned` from the handle, counts, one each millisecond. The next field: index of the
-    /// oldest one.
+    /// The last distances from the handle to `planned`, in counts, one for each millisecond. `oldest` is the index of
+    /// the oldest one.
     past: [i64; SPAN],
     oldest: usize,
-    /// Change of the distances in `past` over the span. The next field: outputs until the next measurement.
+    /// How much the distance in `past` has changed from the oldest to the newest. `left` is the number of outputs until
+    /// the next measurement.
     widened: i64,
     left: u32,
-    /// Position where the handle rests, and the outputs in which it stayed within half the tolerance.
+    /// Position at which the handle rests, and the number of outputs for which it has stayed there, within half the
+    /// tolerance.
     rest: (Position, u32),
     outputs: u32,
 }
 
 impl Return {
-    /// Begins another return. Its first output is still to come.
+    /// Begins a new return move. Its first output is still to come.
     #[inline(always)]
     pub fn restart(&mut self) {
         // The first output sets all other fields. The fields are set one by one, so that nothing is copied.
@@ -204,8 +208,8 @@ impl Return {
         (self.widened, self.left, self.outputs) = (0, 0, 0);
     }
 
-    /// The force for this output of a return. `plan` must be the same each time. `contact`: the handle is inside the
-    /// wall.
+    /// Computes the force for this output. `plan` must be the same at each output of a return. `contact` says whether
+    /// the handle is inside the wall.
     pub fn output(&mut self, plan: &ReturnPlan, position: Position, contact: bool) -> ReturnStep {
         let x = i64::from(position.counts());
         let start = i64::from(plan.start.counts());
@@ -237,7 +241,7 @@ impl Return {
             i32::try_from(counts).unwrap_or(if counts < 0 { i32::MIN } else { i32::MAX })
         });
         let limit = plan.limit;
-        // each product within +-2^61
+        // Each product with a gain is within +-2^61, so the sum cannot overflow.
         let spring = plan.stiffness.apply(error);
         let integral = between(self.integral + plan.integral.apply(error), limit);
         // The integral does not wind up against a hand: beyond the limit it only gets smaller.
@@ -257,12 +261,12 @@ impl Return {
         if self.outputs > plan.timeout_outputs {
             return ReturnStep::TooLong;
         }
-        // within the limit, which is at most half of full scale
+        // The force is within the limit, which is at most half of full scale. So nothing is cut off here.
         ReturnStep::Push(Force::saturating_from_bits(i32::try_from(force).unwrap_or_default()))
     }
 
-    /// Whether the handle is near the start, and has stayed within half the tolerance of one position for the whole
-    /// time.
+    /// Whether the handle is near the start and rests. It rests if it has stayed within half the tolerance of one
+    /// position for [`REST_S`].
     fn has_arrived(&mut self, plan: &ReturnPlan, position: Position, at_end: bool) -> bool {
         let tolerance = plan.tolerance;
         let (anchor, outputs) = self.rest;
@@ -273,7 +277,7 @@ impl Return {
     }
 }
 
-/// `value` within +-`limit`. Unlike `clamp` it cannot panic.
+/// Limits `value` to +-`limit`. Unlike `clamp`, this code cannot panic.
 fn between(value: i64, limit: i64) -> i64 {
     value.max(-limit).min(limit)
 }

@@ -11,7 +11,7 @@ pub struct RmsLimit(u32);
 impl RmsLimit {
     const FRACTION_BITS: u32 = 16;
 
-    /// The nearest limit to `counts`, within 0 .. 65536 counts.
+    /// The limit nearest to `counts`. It lies from 0 to below 65536 counts.
     #[expect(clippy::float_arithmetic, reason = "design time: settings to integers")]
     pub fn from_counts(counts: f64) -> Self {
         #[expect(
@@ -27,7 +27,7 @@ impl RmsLimit {
         Self(bits)
     }
 
-    /// Smallest `n * sum(d^2) - sum(d)^2` over `n` samples (up to 2^24) that reaches the limit.
+    /// The smallest value of `n * sum(d^2) - sum(d)^2` whose RMS reaches the limit. `n` is `samples`, at most 2^24.
     fn scatter_limit(self, samples: u32) -> u128 {
         let product = u128::from(samples) * u128::from(self.0);
         (product * product).div_ceil(1 << (2 * Self::FRACTION_BITS))
@@ -38,14 +38,14 @@ impl RmsLimit {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RunningVariance {
     samples: u32,
-    /// The first position. Differences from it stay small.
+    /// The first position. The sums are over the differences from it, because these stay small.
     origin: i32,
     sum: i64,
     sum_of_squares: u128,
 }
 
 impl RunningVariance {
-    /// The sums before the first position.
+    /// The sums when no position has come yet.
     pub const EMPTY: Self = Self { samples: 0, origin: 0, sum: 0, sum_of_squares: 0 };
 
     /// Takes the position of one sample.
@@ -65,8 +65,9 @@ impl RunningVariance {
         self.add(1, difference, u128::from(magnitude * magnitude));
     }
 
-    /// Adds positions that were summed up elsewhere. The first position must have been pushed. `samples`: their number.
-    /// `sum`: sum of their differences from the first position. `sum_of_squares`: sum of the squared differences.
+    /// Adds positions that were summed up elsewhere. The first position must have been pushed before. `samples` is the
+    /// number of added positions, `sum` the sum of their differences from the first position, and `sum_of_squares` the
+    /// sum of the squares of these differences.
     #[inline]
     pub fn add(&mut self, samples: u32, sum: i64, sum_of_squares: u128) {
         self.samples += samples;
@@ -80,7 +81,7 @@ impl RunningVariance {
         self.samples
     }
 
-    /// Whether the RMS of all positions is below `limit`; also true without a position.
+    /// Whether the RMS of all positions is below `limit`. It is also true without any position.
     pub fn is_below(&self, limit: RmsLimit) -> bool {
         self.samples == 0 || self.scatter() < limit.scatter_limit(self.samples)
     }
@@ -94,7 +95,7 @@ impl RunningVariance {
         self.samples > 0 && self.scatter().saturating_mul(u128::from(total)) >= limit
     }
 
-    /// `n * sum(d^2) - sum(d)^2`, which is n^2 times the variance.
+    /// Returns `n * sum(d^2) - sum(d)^2`, which is n^2 times the variance. `d` is a difference from the first position.
     fn scatter(&self) -> u128 {
         let sum = u128::from(self.sum.unsigned_abs());
         u128::from(self.samples) * self.sum_of_squares - sum * sum
@@ -119,7 +120,7 @@ impl RunningVariance {
 
 #[cfg(test)]
 impl RunningVariance {
-    /// Largest sums after `samples` - 1 positions at the ends of the range.
+    /// The sums at their largest, one position before a window of `samples` positions is full.
     pub(crate) fn at_its_widest(samples: u32) -> Self {
         let (before, widest) = (samples - 1, 1i64 << 32);
         Self {
@@ -149,7 +150,8 @@ mod tests {
 
     #[test]
     fn the_verdict_turns_exactly_at_the_limit() {
-        // +-15 about the mean: RMS is 15 exactly, and `stable` is strictly below the limit
+        // The positions are +-15 about their mean, so the RMS is exactly 15. A hit is `stable` only strictly below the
+        // limit.
         let square: Vec<i32> =
             (0..HIT).map(|n| 70_000 + if n % 2 == 0 { 15 } else { -15 }).collect();
         let at = scatter(&square);

@@ -10,24 +10,25 @@ use core::fmt;
 use super::Verdict;
 use crate::{SettingsError, limits, range::within};
 
-/// Grid and caps of a walk, SI units.
+/// Grid of a walk, in SI units. It has the first, the step and the largest value of K and B.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WalkSettings {
-    /// First K, N/m. It must be stable together with the first B.
+    /// First K, in N/m. It must be stable together with the first B.
     pub stiffness_start_n_per_m: f64,
-    /// Step of K, N/m.
+    /// Step of K, in N/m.
     pub stiffness_step_n_per_m: f64,
     /// Largest K that is tried, N/m.
     pub stiffness_max_n_per_m: f64,
-    /// First B, N s/m.
+    /// First B, in N s/m.
     pub damping_start_n_s_per_m: f64,
-    /// Step of B, N s/m.
+    /// Step of B, in N s/m.
     pub damping_step_n_s_per_m: f64,
     /// Largest B that is tried, N s/m.
     pub damping_max_n_s_per_m: f64,
 }
 
-/// A point of the grid: steps of K (may be negative) and of B from the start.
+/// A point of the grid. It is given by the numbers of steps of K and of B from the start. The number of K may be
+/// negative.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cell {
     /// Steps of K from its start.
@@ -37,9 +38,10 @@ pub struct Cell {
 }
 
 impl WalkSettings {
-    /// Most points that a walk may have along either axis.
+    /// The largest number of points that a walk may have along K or along B.
     const STEPS_MAX: f64 = 1e6;
-    /// Lowest value of numbers that must be above 0. It is far below K and B of any wall, and easy to type.
+    /// The lowest allowed value where a number must be above 0. It is far below K and B of any wall, and it is easy to
+    /// type.
     const SMALLEST: f64 = 1e-9;
 
     /// Checks every field. The first K must be above 0.
@@ -60,54 +62,55 @@ impl WalkSettings {
         Ok(())
     }
 
-    /// K of a cell, N/m.
+    /// K of a cell, in N/m.
     pub fn stiffness_n_per_m(&self, cell: Cell) -> f64 {
         self.stiffness_start_n_per_m + f64::from(cell.stiffness) * self.stiffness_step_n_per_m
     }
 
-    /// B of a cell, N s/m.
+    /// B of a cell, in N s/m.
     pub fn damping_n_s_per_m(&self, cell: Cell) -> f64 {
         self.damping_start_n_s_per_m + f64::from(cell.damping) * self.damping_step_n_s_per_m
     }
 
-    /// Area that a cell of the boundary adds: K dB, N^2 s/m^2.
+    /// Area that a cell of the boundary adds to the area below the boundary. It is K dB, in N^2 s/m^2.
     pub fn area_n2_s_per_m2(&self, cell: Cell) -> f64 {
         self.stiffness_n_per_m(cell) * self.damping_step_n_s_per_m
     }
 
-    /// Whether K of this cell is on the walk: above 0, and at most its cap, apart from rounding.
+    /// Whether the walk may try the K of this cell. K must be above 0 and at most its largest value, apart from
+    /// rounding.
     fn has_stiffness(&self, cell: Cell) -> bool {
         let slack = ROUNDING * self.stiffness_step_n_per_m;
         let k = self.stiffness_n_per_m(cell);
         k > slack && k <= self.stiffness_max_n_per_m + slack
     }
 
-    /// Whether B of this cell is at most its cap, apart from rounding.
+    /// Whether the walk may try the B of this cell. B must be at most its largest value, apart from rounding.
     fn has_damping(&self, cell: Cell) -> bool {
         let slack = ROUNDING * self.damping_step_n_s_per_m;
         self.damping_n_s_per_m(cell) <= self.damping_max_n_s_per_m + slack
     }
 }
 
-/// Largest rounding error of a sum of decimal steps, as part of a step. For example, 0.1 + 2 * 0.1 is not 0.3. The
-/// error of a million steps is some 1e-10 of a step.
+/// Allowed rounding error of a sum of decimal steps, as a part of a step. For example, 0.1 + 2 * 0.1 is not 0.3 in
+/// `f64`. After a million steps the error is only some 1e-10 of a step.
 const ROUNDING: f64 = 1e-6;
 
 /// Why a walk ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
-    /// No K > 0 was stable at the last B: the boundary is closed.
+    /// At the last B no K above 0 was stable. So the boundary is closed.
     Closed,
-    /// B reached its cap. The boundary goes on beyond the cap.
+    /// B reached its largest value. The boundary goes on beyond it.
     DampingMax,
-    /// B reached its cap, and before that K had reached its cap at one point or more.
+    /// B reached its largest value. Before that, K had reached its own at one point or more.
     BothMax,
-    /// The boundary is closed, but K reached its cap at one point or more.
+    /// The boundary is closed, but at one point or more K reached its largest value.
     StiffnessMax,
 }
 
 impl Ended {
-    /// Name in reports: `closed`, `damping_max`, `stiffness_max`, `stiffness_and_damping_max`.
+    /// Its name in reports. It is `closed`, `damping_max`, `stiffness_max` or `stiffness_and_damping_max`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Closed => "closed",
@@ -118,10 +121,10 @@ impl Ended {
     }
 }
 
-/// Result of a verdict.
+/// What a verdict has added to the walk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Step {
-    /// A new known point of the boundary.
+    /// The point of the boundary that this verdict has found, if it found one.
     pub boundary: Option<Cell>,
     /// Why the walk ended, if it did.
     pub ended: Option<Ended>,
@@ -150,9 +153,9 @@ impl core::error::Error for WalkError {}
 #[derive(Clone, Copy, Debug)]
 enum Phase {
     First,
-    /// K goes up. The cell below the present one is stable.
+    /// K rises. The cell below the present one is stable.
     Up,
-    /// B went up at the same K.
+    /// B rose by a step, at the same K.
     Across,
     Down,
     /// The walk is over. Each further report gets the same answer.
@@ -169,7 +172,7 @@ pub struct Walk {
 }
 
 impl Walk {
-    /// A walk whose first hit is still to come.
+    /// Makes a walk whose first hit is still to come.
     pub fn new(plan: WalkSettings) -> Self {
         Self { plan, phase: Phase::First, cell: Cell::default(), stiffness_capped: false }
     }
@@ -179,7 +182,7 @@ impl Walk {
         &self.plan
     }
 
-    /// The next cell to hit. When the walk is over, this cell is within the caps.
+    /// The cell for the next hit. When the walk is over, this is a cell within the largest K and B.
     pub fn cell(&self) -> Cell {
         self.cell
     }
@@ -209,7 +212,7 @@ impl Walk {
         Ok(step)
     }
 
-    /// `stable` is stable: try the next K.
+    /// The cell `stable` is stable, so the next higher K is tried.
     fn go_up(&mut self, stable: Cell) -> Step {
         let above = Cell { stiffness: stable.stiffness.saturating_add(1), ..stable };
         if !self.plan.has_stiffness(above) {
@@ -221,7 +224,7 @@ impl Walk {
         Step { boundary: None, ended: None }
     }
 
-    /// `boundary` is the last stable K at its B: try the next B.
+    /// The cell `boundary` has the largest stable K at its B, so the next B is tried.
     fn go_across(&mut self, boundary: Cell) -> Step {
         let next = Cell { damping: boundary.damping.saturating_add(1), ..boundary };
         if self.plan.has_damping(next) {
@@ -232,7 +235,8 @@ impl Walk {
         Step { boundary: Some(boundary), ended: Some(self.end(boundary, Ended::DampingMax)) }
     }
 
-    /// `unstable` and the cell above it are unstable: tries the next lower K, as long as it is positive.
+    /// The cell `unstable` is unstable, and so is the cell above it. So the next lower K is tried, as long as it is
+    /// positive.
     fn go_down(&mut self, unstable: Cell) -> Step {
         let below = Cell { stiffness: unstable.stiffness.saturating_sub(1), ..unstable };
         if self.plan.has_stiffness(below) {
@@ -244,7 +248,7 @@ impl Walk {
         }
     }
 
-    /// Stays at `last`, a cell within the caps.
+    /// Ends the walk. It stays at `last`, a cell within the largest K and B.
     fn end(&mut self, last: Cell, reason: Ended) -> Ended {
         let ended = match (reason, self.stiffness_capped) {
             (Ended::Closed, true) => Ended::StiffnessMax,
@@ -262,7 +266,7 @@ impl Walk {
     }
 }
 
-/// Result of a walk so far.
+/// Totals of a walk up to now.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WalkTotals {
     /// Hits that were made so far.
@@ -271,9 +275,9 @@ pub struct WalkTotals {
     pub points: u32,
     /// Sum of K dB over the points, N^2 s/m^2.
     pub area: f64,
-    /// Largest K of the points, N/m.
+    /// Largest K of the points, in N/m.
     pub stiffness_peak_n_per_m: f64,
-    /// Largest B of the points, N s/m.
+    /// Largest B of the points, in N s/m.
     pub damping_max_n_s_per_m: f64,
 }
 
@@ -334,7 +338,7 @@ mod tests {
         let (points, hits, ended) = walk(PLAN, k_max);
         assert_eq!(points, [(10.0, 4000.0), (20.0, 8000.0), (30.0, 2000.0)]);
         assert_eq!(ended, Ended::Closed);
-        // B=10: 2, 4, 6; B=20: 4, 6, 8, 10; B=30: 8, 6, 4, 2; B=40: 2
+        // The hits, with K in 1000 N/m: 2, 4, 6 at B=10; 4, 6, 8, 10 at B=20; 8, 6, 4, 2 at B=30; 2 at B=40.
         assert_eq!(hits, 12);
     }
 
@@ -401,15 +405,15 @@ mod tests {
         let (points, _, ended) = walk(plan, |_| 1.0);
         assert_eq!((points.len(), ended), (3, Ended::BothMax));
         assert!(points.iter().all(|&(_, k)| (k - 0.3).abs() < 1e-12));
-        // 1401.4 - 14 * 100.1 is not 0 but 2e-13
+        // In `f64`, 1401.4 - 14 * 100.1 is not 0 but 2e-13.
         let plan =
             WalkSettings { stiffness_start_n_per_m: 1401.4, stiffness_step_n_per_m: 100.1, ..PLAN };
         let (_, hits, ended) = walk(plan, |b| if b < 15.0 { 1401.4 } else { -1.0 });
-        // up once, across, then 13 cells down to 100.1
+        // The hits are the start and one up, one across, then 13 cells down to 100.1.
         assert_eq!((hits, ended), (2 + 1 + 13, Ended::Closed));
     }
 
-    /// A millionth of a step of 100 is 1e-4.
+    /// The steps are 100, so a millionth of a step is 1e-4.
     #[test]
     fn a_cell_may_miss_an_end_of_the_walk_by_a_millionth_of_a_step() {
         let steps = WalkSettings {

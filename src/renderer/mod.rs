@@ -21,7 +21,7 @@ use crate::{
 #[cfg(test)]
 mod tests;
 
-/// Interface of the task `sample` for orders.
+/// What the renderer can change in the task `sample` when it carries out an order.
 pub trait Sampling {
     /// The task uses the parameters as a whole from the next sample on.
     fn set_parameters(&mut self, parameters: LoopParameters);
@@ -39,14 +39,14 @@ pub struct Renderer<const N: usize> {
     supervisor: Supervisor,
     parameters: LoopParameters,
     gains: Doubled<Gains>,
-    /// Number of changes of the settings; wraps.
+    /// Number of times that the settings have changed. It wraps.
     settings: u16,
     motor_reversed: Doubled<bool>,
     experiments: Experiments,
     history: BlackBox<N>,
-    /// Next record of the black box to send, while its records are sent.
+    /// While the records of the black box are sent, the index of the next one.
     replay: Option<usize>,
-    /// The black box records again when all its records were sent.
+    /// Whether the black box must record again after all its records were sent.
     release: bool,
     host: Host,
     /// Answer to the last order. It waits until a report has room for it.
@@ -98,14 +98,14 @@ impl<const N: usize> Renderer<N> {
         self.experiments.proposal()
     }
 
-    /// The output for this motion and this proposal: push minus wall.
+    /// Computes the output for this motion and this proposal. Its force is the push minus the wall's force.
     #[inline(always)]
     pub fn answer(&self, motion: Motion, proposal: Proposal) -> Drive {
         self.parameters.render(motion, proposal.push)
     }
 
-    /// The force that safety grants, after the findings of guard and board. Write it to the output, then call
-    /// [`follow`](Self::follow).
+    /// Returns the force that safety grants, after it has judged what guard and board have found. Write this force to
+    /// the output, then call [`follow`](Self::follow).
     #[inline(always)]
     pub fn grant(
         &mut self,
@@ -125,14 +125,14 @@ impl<const N: usize> Renderer<N> {
         self.supervisor.down()
     }
 
-    /// Update of the backup RAM, if one is due. Call it when the output is written.
+    /// Returns what must be written to the backup RAM, if anything. Call it when the output is written.
     #[inline(always)]
     pub fn take_memory_update(&mut self) -> Option<MemoryUpdate> {
         self.supervisor.take_memory_update()
     }
 
-    /// The part of an output that can wait until the force is written. `positions`: positions of the samples since the
-    /// last output. Returns the output's record.
+    /// Does the part of an output that can wait until the force is written. `positions` are the positions of the
+    /// samples since the last output. Returns the output's record.
     #[inline(always)]
     pub fn follow(
         &mut self,
@@ -150,7 +150,7 @@ impl<const N: usize> Renderer<N> {
         let on = !self.is_off();
         if self.host.falls_silent(record.sample, self.parameters.period.get(), on) {
             cold_path();
-            // A fault is never refused: the next output is off.
+            // A request for a fault is never refused, so its result is not needed. The next output is off.
             let _ = self.supervisor.request(Request::Trip(Fault::HostSilent));
         }
         record
@@ -163,7 +163,7 @@ impl<const N: usize> Renderer<N> {
     }
 
     /// Whether no force may act any more. If this is true after an order, switch the output off before the order is
-    /// answered. A reader of the answer may rely on the force being off.
+    /// answered, because the reader of the answer may rely on it.
     #[inline(always)]
     pub fn is_off(&self) -> bool {
         !self.supervisor.status().state.is_on()
@@ -249,12 +249,13 @@ impl<const N: usize> Renderer<N> {
         }
     }
 
-    /// The report of the output with this record, and of one event since the last report. Call this function only if
-    /// there is room for the report. So records may be lost, but never events.
+    /// Makes the report about the output with this record, and about one event since the last report. Call this
+    /// function only if there is room for the report. Without room a record is lost, but its event waits.
     #[inline(always)]
     pub fn report(&mut self, record: Record) -> Report {
         let activity = self.experiments.activity();
-        // Events of experiments come first: an event may be the end that a `stop` has caused.
+        // Events of experiments come before the answer to an order. Such an event may be the end of an experiment that
+        // the order `stop` has caused.
         let event = match self.experiments.news() {
             Event::None => &mut self.answer,
             news => news,
@@ -266,7 +267,7 @@ impl<const N: usize> Renderer<N> {
         Report { record, streamed, push, port, status, activity, event }
     }
 
-    /// The next record of the black box, while its records are sent.
+    /// Returns the next record of the black box, while its records are sent.
     fn replayed(&mut self) -> Option<Record> {
         let next = self.replay?;
         let record = self.history.get(next).copied();

@@ -1,4 +1,4 @@
-//! The renderer with a real supervisor and a simulated handle, without a board.
+//! Tests the renderer without a board, with a real supervisor and a simulated handle.
 
 use std::vec::Vec;
 
@@ -55,22 +55,22 @@ struct Bench {
     renderer: Renderer<8>,
     sampling: Sampler,
     handle: Handle,
-    /// Nothing moves the handle.
+    /// Whether the handle is held, so that nothing moves it.
     held: bool,
-    /// Position at which the count was zeroed, counts.
+    /// Position of the handle, in counts, that was made zero.
     zero: i32,
     stored: Stored,
     sensed: Sensed,
     guard: Guard,
     sample: u64,
-    /// Reports have no room.
+    /// Whether there is no room for reports.
     full: bool,
     reports: Vec<Report>,
     last: OutputCommand,
 }
 
 impl Bench {
-    /// Off, at rest, with the first settings accepted.
+    /// A bench with the force off and the handle at rest. Its first settings are accepted.
     fn new() -> Self {
         Self::with(DEVICE.safety.build(&DEVICE.design).unwrap())
     }
@@ -136,7 +136,7 @@ impl Bench {
         let asked = (proposal, self.renderer.answer(up.motion, proposal));
         let rendered = self.renderer.grant(&up, &self.guard, asked, sensed);
         self.last = rendered.grant;
-        // nine samples on the way, and the due one
+        // Nine samples on the way to the position, and the tenth, at which the output is due.
         let moved = position.wrapping_since(before);
         let positions: Vec<_> =
             (1..=10).map(|n| Position::from_counts(before.counts() + moved * n / 10)).collect();
@@ -233,7 +233,7 @@ fn a_hit_returns_pushes_and_is_judged() {
     assert!((200..2_000).contains(&outputs), "{outputs}");
     assert!(bench.handle.x > 5e-3, "{}", bench.handle.x);
     assert_eq!(bench.activity(), Activity::None);
-    // its push fades, and then there is no push
+    // The push of the experiment fades, and then there is none.
     bench.run(30);
     assert_eq!(bench.last.force(), Some(Force::ZERO));
 }
@@ -272,7 +272,7 @@ fn of_the_samples_up_to_its_first_output_only_the_last_is_the_hits() {
             fresh = Some(bench.sample);
         }
         if let Event::HitOver(_, window) = bench.reports.last().unwrap().event {
-            // one sample of the output that began the hit, then ten of each output
+            // Of the output that began the hit only one sample counts. Of each further output all ten count.
             assert_eq!(window.samples(), 1_000);
             assert_eq!(bench.sample - fresh.unwrap(), 2_010);
             bench.output(None);
@@ -409,7 +409,7 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
     assert!(bench.renderer.is_ready());
 }
 
-/// A flipped bit begins an experiment, or changes its kind. Then the stored kind differs.
+/// A flipped bit begins an experiment, or changes its kind. Then the kind, which is stored separately, differs from it.
 #[test]
 fn an_experiment_that_nobody_began_is_found_after_the_output() {
     let mut bench = Bench::new();

@@ -1,4 +1,4 @@
-//! The black box: outputs of the last half second before a fault.
+//! The black box. It keeps the records of the outputs in the half second before a fault.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -39,8 +39,8 @@ impl<const N: usize> BlackBox<N> {
         self.every = every;
     }
 
-    /// Takes one record per output. `fault` stops the ring with this record in it. Then nothing more is taken until
-    /// [`release`](Self::release).
+    /// Takes the record of an output. If `fault` is true, the ring stops with this record as its last. It then takes
+    /// nothing more until [`release`](Self::release).
     #[inline]
     pub fn push(&mut self, record: Record, fault: bool) {
         if self.frozen {
@@ -69,7 +69,7 @@ impl<const N: usize> BlackBox<N> {
         (self.next, self.len, self.skipped, self.frozen) = (0, 0, 0, false);
     }
 
-    /// Records in the ring.
+    /// Number of records in the ring.
     pub fn len(&self) -> usize {
         self.len
     }
@@ -79,7 +79,7 @@ impl<const N: usize> BlackBox<N> {
         self.len == 0
     }
 
-    /// The `n`-th record, oldest first.
+    /// Returns the `n`-th record. Number 0 is the oldest.
     pub fn get(&self, n: usize) -> Option<&Record> {
         if n >= self.len {
             return None;

@@ -1,6 +1,6 @@
-//! Finds that the core stood still: time has passed without samples.
+//! Finds out whether the core stood still. If it did, time has passed without samples.
 
-/// Compares a clock, which runs on while the core is halted, with the number of samples, from output to output.
+/// Compares, from output to output, the number of samples with a clock that runs on while the core is halted.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HaltWatch {
     ticks: u16,
@@ -8,14 +8,14 @@ pub struct HaltWatch {
 }
 
 impl HaltWatch {
-    /// Ticks of the clock per sample. The clock wraps after 2^16 ticks, 1.6 s at 10 kHz. A halt of this length or a
-    /// multiple of it, plus or minus an output period, is not found here. But after such a halt the output watchdog has
-    /// cleared MOE, and the next output finds that.
+    /// Ticks of the clock per sample. The clock wraps after 2^16 ticks, 1.6 s at 10 kHz. A halt that lasts a multiple
+    /// of this time, give or take an output period, is not found here. But during such a halt the output watchdog has
+    /// switched enable off, and the next output finds that.
     pub const TICKS_PER_SAMPLE: u32 = 4;
-    /// Time beyond an output period that is no halt yet: two samples, in ticks.
+    /// Ticks that may pass beyond an output period before it counts as a halt. They are two samples.
     const SLACK: u32 = 2 * Self::TICKS_PER_SAMPLE;
 
-    /// Clock and sample at the last output.
+    /// The clock and the number of the sample at the last output.
     #[inline(always)]
     pub fn last(&self) -> (u16, u64) {
         (self.ticks, self.sample)
@@ -23,8 +23,9 @@ impl HaltWatch {
 
     /// Whether the core stood still for longer than an output period and two samples since the last call.
     ///
-    /// `ticks`: the clock now. `sample`: number of the output's sample. `period`: samples from output to output. An
-    /// output that is late by less than a period is no halt. An output that is even later belongs to a later sample.
+    /// `ticks` is the clock now, `sample` the number of the output's sample, and `period` the number of samples from
+    /// output to output. An output that is late by less than a period is no halt. An output that is even later belongs
+    /// to a later sample.
     #[inline]
     pub fn found(&mut self, ticks: u16, sample: u64, period: u32) -> bool {
         let passed = ticks.wrapping_sub(self.ticks);
@@ -46,8 +47,8 @@ mod tests {
 
     use super::*;
 
-    /// Runs outputs. Each output has its delay, and the time for which the core stood still before it, in samples.
-    /// Returns whether a halt was found, for each output after the first.
+    /// Runs outputs. For each one, `each` has its delay, and the time for which the core stood still before it. Both
+    /// are in samples. Returns for each output after the first whether a halt was found.
     fn outputs(period: u32, each: &[(f64, f64)]) -> Vec<bool> {
         let mut watch = HaltWatch::default();
         let mut still = 0.0;
@@ -93,7 +94,7 @@ mod tests {
         }
     }
 
-    /// Ticks beyond the samples that are no halt yet, at both ends of the clock's range.
+    /// Tests to the tick how much time beyond the samples is no halt yet, at both ends of the clock's range.
     #[test]
     fn an_output_period_and_two_samples_are_no_halt_to_the_tick() {
         let still = |ticks: u16| {

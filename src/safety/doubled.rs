@@ -1,8 +1,9 @@
-//! State that decides a force, stored twice. A comparison of both copies shows a flipped bit in one of them.
+//! Stores a value twice. It is used for state that decides a force. If a bit flips in one of the two, a comparison
+//! shows it.
 
 use core::ops::Deref;
 
-/// A value and its copy. Reading gives the value.
+/// A value and its copy. Dereferencing gives the value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Doubled<T> {
     value: T,

@@ -1,10 +1,11 @@
-//! Reasons why the output is off: stable numeric codes, and sets of them.
+//! The reasons for which the output is switched off. Each has a number that never changes. A set of reasons is a type
+//! too.
 
 use core::fmt;
 
 macro_rules! faults {
     ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal;)*) => {
-        /// A reason to switch the output off. Codes are stable: no code ever gets a new meaning.
+        /// A reason to switch the output off. No code ever gets a new meaning.
         ///
         /// | group | about |
         /// |-------|-------|
@@ -19,7 +20,7 @@ macro_rules! faults {
         }
 
         impl Fault {
-            /// All faults, by rising code.
+            /// All faults, in the order of rising codes.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
 
             /// The fault with this code, if there is one.
@@ -73,7 +74,7 @@ faults! {
     Debugger = 32, "debugger halt";
     /// The crystal or clock input failed. The processor runs on its internal oscillator.
     ClockFailure = 33, "clock failure";
-    /// The host did not send `alive` in the promised time, while force was on.
+    /// While force was on, the host did not send the command `alive` within the time that it had stated.
     HostSilent = 34, "host silent";
     /// The voltage of the force output does not match its code.
     ForceOutput = 35, "force output";
@@ -119,7 +120,8 @@ impl fmt::Display for Fault {
     }
 }
 
-/// A set of faults. Code 10 g + n is bit 8 (g - 1) + n: 10 to 17 are bits 0 to 7, 20 to 27 bits 8 to 15.
+/// A set of faults. The fault with code 10 g + n is bit 8 (g - 1) + n. For example, codes 10 to 17 are bits 0 to 7, and
+/// codes 20 to 27 are bits 8 to 15.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultSet(u32);
 
@@ -132,7 +134,7 @@ impl FaultSet {
         self.0
     }
 
-    /// The set of those bits. Bits that no fault has are kept.
+    /// Makes a set from its bits. Bits that no fault has are kept.
     pub const fn from_bits(bits: u32) -> Self {
         Self(bits)
     }

@@ -1,5 +1,6 @@
-//! Changes settings without a jump of the force. The acting push moves towards the new push. A correction cancels the
-//! force that the new wall would add at once, and then fades to 0. Position and velocity act at once, as always.
+//! Changes settings without a jump of the force. The push that acts moves slowly towards the new push. A correction at
+//! first cancels what the new wall would change in the force, and then fades to 0. Position and velocity act at once,
+//! as always.
 //!
 //! ```text
 //! push' = towards the new push, by at most slew                      what is left of slew: rest
@@ -28,7 +29,7 @@ use crate::{
     wall::Wall,
 };
 
-/// Wall and push of the last output, and the rest that is still fading.
+/// State of a fade: wall and push of the last output, and the correction that is still fading.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GainFade {
     kept: Doubled<Kept>,
@@ -37,11 +38,12 @@ pub(super) struct GainFade {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Kept {
     wall: Wall,
-    /// Push of the last output, on its way to the push of the settings.
+    /// Push of the last output. It is on its way to the push that the experiment proposes.
     push: Force,
-    /// Whether the push has not reached the push of the settings yet.
+    /// Whether the push has not yet reached the push that the experiment proposes.
     pushing: bool,
-    /// Difference of the last output's force from the force of wall and push, LSB of [`Force`]. It fades to 0.
+    /// How much the force of the last output differed from the force of wall and push, in LSB of [`Force`]. It fades to
+    /// 0.
     correction: i64,
 }
 
@@ -67,8 +69,9 @@ impl GainFade {
         self.kept.is_whole()
     }
 
-    /// The force now. `drive`: the output of the new settings. `slew`: largest step. `held`: the force of the last
-    /// output, if the command `zero` has renamed the motion. `held` then replaces the force of the old settings.
+    /// Computes the force for this output. `drive` is the output of the new settings, and `slew` the largest step.
+    /// `held` is the force of the last output, if the command `zero` has given the position a new number. It then
+    /// replaces the force of the old settings.
     #[inline]
     pub fn force(
         &mut self,
@@ -91,7 +94,7 @@ impl GainFade {
         let step = push.bits().saturating_sub(before).max(-slew).min(slew); // clamp could panic
         let pushed = Force::saturating_from_bits(before + step);
         let rest = i64::from(slew - step.abs());
-        // the force of push and wall, as far as the actuator can give it
+        // The force of push and wall, limited to what the actuator can give.
         let asked = |wall: Demand| i64::from(wall.against(pushed).saturate().0.bits());
         let wanted = asked(drive.wall);
         let base = match held {
@@ -112,7 +115,7 @@ impl GainFade {
     }
 }
 
-/// The force nearest to `bits` that this wall may give against `push`.
+/// Returns the force nearest to `bits` that has the right sign for this wall against `push`.
 #[inline]
 fn within(contact: bool, wall: &Wall, push: Force, bits: i64) -> i64 {
     let push = i64::from(push.bits());
@@ -201,7 +204,8 @@ mod tests {
         }
     }
 
-    /// The command `zero` renames the motion. The force continues from its last value, and changes only with the push.
+    /// The command `zero` gives the position a new number. The force then continues from its last value, and changes
+    /// only with the push.
     #[test]
     fn a_force_that_is_held_moves_with_the_push_only() {
         let hard = wall(0, 1e7, 0.0);
@@ -226,8 +230,8 @@ mod tests {
         assert_eq!(force.bits(), -SLEW);
     }
 
-    /// A damaged state changes no output. The state stays damaged until the check after the output, while the force
-    /// continues.
+    /// A fade with a flipped bit changes no output. It stays damaged, so that the check after the output finds it.
+    /// Until then the force continues.
     #[test]
     fn a_broken_one_is_neither_used_nor_mended() {
         let (soft, hard) = (wall(0, 0.0, 0.0), wall(0, 1e9, 0.0));
@@ -242,9 +246,9 @@ mod tests {
     }
 
     proptest! {
-        /// Any changes, at any time. The reference keeps the old settings for one more output. The two forces differ by
-        /// at most 5 % of full scale, unless the handle is in the old wall and not in the new wall. The wall has its
-        /// sign everywhere.
+        /// The settings change in any way, at any time. Each force is compared with the force that the old settings
+        /// would give at this output. They differ by at most 5 % of full scale, unless the handle is in the old wall
+        /// and not in the new one. The wall's force always has the right sign.
         #[test]
         fn no_change_steps_by_more_than_5_percent_and_none_turns_the_wall_round(
             push_only in any::<bool>(),
@@ -263,7 +267,7 @@ mod tests {
             for (position, velocity, new) in steps {
                 let at = motion(position, velocity / 64);
                 let Kept { push, correction, .. } = *change.kept;
-                // the old settings, without the correction of this output
+                // What the old settings would give, with the correction of the last output.
                 let old = drive(&now.0, push, at);
                 let was_in = old.contact;
                 let unchanged = i64::from(old.force.bits()) + correction;
@@ -283,8 +287,8 @@ mod tests {
                     prop_assert!(force <= push);
                 }
             }
-            // without further changes the fade ends within 81 outputs: the push and then the wall, two full scales each
-            // at 5 %
+            // Without further changes the fade ends within 81 outputs. First the push changes by up to two full scales,
+            // then the wall, both by 5 % per output.
             let at = motion(150, 0);
             for _ in 0..81 {
                 let _ = give(&mut change, now, at);

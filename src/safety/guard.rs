@@ -1,9 +1,9 @@
 //! The part of the supervisor that runs for every sample.
 //!
-//! The guard looks for faults in every sample. After a fault it sets [`Step::cut`]. Two actions can wait: noting a
-//! fault, and zeroing the count. The guard does one of these actions at a time. With a due sample the guard does none
-//! of these actions, because a due sample also requests an output. So the longest sample is hardly longer than a quiet
-//! sample. If every sample is due, the two actions do not wait.
+//! The guard looks for faults in every sample. After a fault it sets [`Step::cut`]. Two actions can wait: to note a
+//! fault, and to zero the count. The guard does only one of them in a sample. With a due sample it does neither,
+//! because such a sample also requests an output. So the longest sample is hardly longer than a quiet sample. If every
+//! sample is due, the two actions do not wait.
 //!
 //! The order of the checks suits the Cortex-M4's number of registers. `tests/elf/control/budget.rs` checks the cycles.
 
@@ -22,31 +22,31 @@ use crate::{
     velocity::Senses,
 };
 
-/// Message from `render` to `sample`, with all numbers that the guard needs.
+/// Message from the task `render` to the task `sample`. It has all numbers that the guard needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GuardCommand {
-    /// Low 32 bits of the sample of the last finished output.
+    /// Low 32 bits of the number of the sample whose output was finished last.
     pub rendered: u32,
-    /// The value of [`Guard::events`] up to which `clear` was given.
+    /// The value of [`Guard::events`] at the last `clear`. Faults up to this event no longer switch off.
     pub acknowledged: u32,
-    /// A value that differs from the last value requests zeroing of the count.
+    /// Requests a zeroing of the count: each new value is one request.
     pub zeros: Token,
-    /// The last granted force, 0 while off. This force has acted since the last sample, except for the time in which
-    /// the output was computed.
+    /// The force that was granted last, or 0 while off. It has acted since the last sample, apart from the time in
+    /// which the output was computed.
     pub force: Force,
-    /// Largest move in one sample that is no count jump, counts. No limit while flash is written, and at the first
-    /// sample after that.
+    /// Largest motion from one sample to the next, in counts. A larger one is a count jump. There is no limit while
+    /// flash is written and at the first sample after that.
     pub jump: u32,
-    /// Largest allowed speed, LSB of [`Velocity`](crate::units::Velocity). No limit while the force is off: a hand may
-    /// move a free handle at any speed.
+    /// Largest allowed speed, in LSB of [`Velocity`](crate::units::Velocity). There is no limit while the force is off,
+    /// because a hand may move a free handle at any speed.
     pub speed: u32,
-    /// Flash is being written, which stalls the processor. Missing outputs are no fault then. Never set while force is
-    /// on.
+    /// Whether flash is being written. This stalls the processor, so missing outputs are no fault then. It is never
+    /// true while force is on.
     pub stall: bool,
 }
 
 impl GuardCommand {
-    /// No limit, for `jump` or `speed`.
+    /// Value of `jump` or `speed` that sets no limit.
     pub const ANY: u32 = i32::MAX.cast_unsigned();
 
     /// The command before the first output.
@@ -63,12 +63,13 @@ impl GuardCommand {
     }
 }
 
-/// Report from `sample` to `render`, with every due sample. Noted faults are handed over separately, as [`Guard`].
+/// Report from the task `sample` to the task `render`, with every due sample. The faults that are already noted are
+/// passed separately, in [`Guard`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleReport {
     /// Number, position and velocity of the sample.
     pub motion: Motion,
-    /// Faults of this sample, and faults of an earlier sample that are not in [`Guard`] yet.
+    /// Faults of this sample, and faults of an earlier sample that are not noted in [`Guard`] yet.
     pub present: FaultSet,
 }
 
@@ -87,10 +88,10 @@ pub struct Step {
     pub report: SampleReport,
     /// Whether an output is due with this sample.
     pub due: bool,
-    /// Whether the output must be off now: the task `sample` switches it off by itself. Set again with every sample
-    /// until `clear`, except with a due sample. `render` answers the report of a due sample right after this sample.
+    /// Whether the task `sample` must switch the output off now. Until `clear` this is true at every sample except a
+    /// due one. After a due sample `render` runs at once, and switches off because of the report.
     pub cut: bool,
-    /// Whether the [`Guard`] was changed.
+    /// Whether this step has changed the [`Guard`].
     pub told: bool,
 }
 
@@ -101,8 +102,8 @@ pub struct Measured {
     moved: i32,
 }
 
-/// A sample, and its faults. If it is not [`quiet`](Self::quiet), call [`GuardedSampler::defer`] or
-/// [`GuardedSampler::settle`] next.
+/// A sample and the faults that were found in it. If it is not [`quiet`](Self::quiet), call [`GuardedSampler::defer`]
+/// or [`GuardedSampler::settle`] next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[must_use = "what was found is noted by `settle` or `defer`"]
 pub struct Judged {
@@ -112,24 +113,25 @@ pub struct Judged {
     pub due: bool,
     /// Faults of this sample.
     pub found: FaultSet,
-    /// No fault was found, no fault waits to be noted, and no zeroing of the count is requested.
+    /// Whether there is nothing to do: no fault was found, none waits to be noted, and no zeroing of the count is
+    /// requested.
     pub quiet: bool,
 }
 
-/// A [`Sampler`] under guard. The task `sample` owns it.
+/// A [`Sampler`] with the guard around it. The task `sample` owns it.
 #[derive(Clone, Copy, Debug)]
 pub struct GuardedSampler<W = CounterWidth> {
     sampler: Sampler<W>,
-    /// The last [`GuardCommand::zeros`] that was carried out. It is turned (`Token::turned`) while the output must be
-    /// off, because a fault is not cleared or waits to be noted. So one comparison shows that no zeroing is requested
-    /// and no fault was found.
+    /// The last value of [`GuardCommand::zeros`] that was carried out. While a fault is not cleared or waits to be
+    /// noted, the output must be off. The value is then turned (`Token::turned`), so that it equals no request. So a
+    /// single comparison shows that no zeroing is requested and that there is no fault.
     met: Token,
     /// Faults that were found and are not in [`Guard`] yet.
     waiting: FaultSet,
 }
 
 impl<W: Width> GuardedSampler<W> {
-    /// A handle at rest whose encoder counter reads `counter`.
+    /// Begins with a handle at rest, whose encoder counter reads `counter`.
     pub fn new(counter: u32, width: W) -> Self {
         Self { sampler: Sampler::new(counter, width), met: Token::FIRST, waiting: FaultSet::EMPTY }
     }
@@ -145,7 +147,7 @@ impl<W: Width> GuardedSampler<W> {
         &self.sampler
     }
 
-    /// Number of zeroings of the count; wraps.
+    /// Number of times that the count was zeroed. The number wraps.
     #[expect(clippy::cast_possible_truncation, reason = "16 bits")]
     pub const fn zeros(&self) -> u16 {
         self.zeros_met().number() as u16
@@ -156,8 +158,8 @@ impl<W: Width> GuardedSampler<W> {
     }
 
     /// Takes a reading of the encoder counter. Call it once per sample, at a constant rate, with the newest
-    /// [`GuardCommand`]. `senses`: the board's other senses. The force of `down` replaces the force in `senses`.
-    /// `guard`: the findings so far. If the findings change, [`Step::told`] is set.
+    /// [`GuardCommand`] as `down`. `senses` are the board's other senses. The force of `down` replaces the force in
+    /// them. `guard` are the findings so far. If this call changes them, [`Step::told`] is set.
     ///
     /// At a due sample, the output of the due sample before it must be finished. If `down.rendered` shows that this
     /// output is not finished, the output is late by a period.
@@ -194,8 +196,8 @@ impl<W: Width> GuardedSampler<W> {
 
     /// The second stage of [`step`](Self::step): finds faults.
     ///
-    /// The caller must finish each case separately. If the cases joined again, each case would load the numbers of all
-    /// cases, and the quiet case would take longer.
+    /// The caller must handle each result in its own branch. If the branches joined again, each would load the numbers
+    /// of all of them, and a quiet sample would take longer.
     #[inline(always)]
     pub fn judge(
         &mut self,
@@ -217,7 +219,8 @@ impl<W: Width> GuardedSampler<W> {
             read_anew();
             FaultSet::EMPTY.with(Fault::LateRender).with_if(Fault::Memory, !self.sampler.is_whole())
         } else if !self.sampler.is_whole() {
-            // Position 0 has moved. A check at due samples is enough. Due samples are not the longest samples.
+            // A flipped bit has moved position 0. It is enough to check this at due samples, and they have time for it,
+            // because they are not the longest samples.
             cold_path();
             read_anew();
             FaultSet::EMPTY.with(Fault::Memory)
@@ -227,7 +230,7 @@ impl<W: Width> GuardedSampler<W> {
         self.with_motion(Judged { found, ..judged }, moved, down)
     }
 
-    /// Adds the faults of this motion (count jump, over-speed), and sets whether the sample is quiet.
+    /// Adds the faults of this motion, which are count jump and over-speed. Sets whether the sample is quiet.
     #[inline(always)]
     fn with_motion(&self, judged: Judged, moved: i32, down: &GuardCommand) -> Judged {
         let jumped = beyond(moved, down.jump);
@@ -240,8 +243,8 @@ impl<W: Width> GuardedSampler<W> {
         Judged { found, quiet: false, ..judged }
     }
 
-    /// Handles a due sample, unless every sample is due. Returns the faults for the report of this sample. The
-    /// requested output then stays off. If this output does not come, the next sample switches off.
+    /// Handles a due sample that is not quiet, unless every sample is due. Returns the faults for the report of this
+    /// sample. Because of them the requested output is off. If this output does not come, the next sample switches off.
     #[inline(always)]
     pub fn defer(&mut self, found: FaultSet, down: &GuardCommand) -> FaultSet {
         let waiting = self.waiting.union(found);
@@ -257,7 +260,7 @@ impl<W: Width> GuardedSampler<W> {
         waiting
     }
 
-    /// Handles all other samples that are not quiet: notes the faults of a sample, or zeroes the count.
+    /// Handles any other sample that is not quiet. It notes the faults of the sample, or zeroes the count.
     #[inline(always)]
     pub fn settle(&mut self, judged: &Judged, down: &GuardCommand, guard: &mut Guard) -> Step {
         read_anew();
@@ -292,7 +295,7 @@ impl<W: Width> GuardedSampler<W> {
     }
 }
 
-/// Faults of the motion of one sample.
+/// The faults that the motion of a single sample can show.
 const OF_MOTION: FaultSet = FaultSet::EMPTY.with(Fault::CountJump).with(Fault::OverSpeed);
 
 /// Makes the code below read its numbers from memory again, so that they occupy no register until then.
@@ -326,7 +329,7 @@ mod tests {
         }
     }
 
-    /// Parameters with a wall far away. The estimator is the speed of the last sample.
+    /// Parameters with a wall that is far away. The estimated velocity is the motion of the last sample.
     fn free() -> LoopParameters {
         let design = Design {
             rate_hz: 10_000.0,
@@ -354,7 +357,7 @@ mod tests {
         stall: true,
     };
 
-    /// Faults of the second sample, if the first is at 0 counts.
+    /// Returns the faults of a second sample at `counts`, after a first sample at 0.
     fn second(counts: i32, down: GuardCommand) -> FaultSet {
         let (control, mut guard) = (free(), Guard::NOTHING);
         let mut sampler = GuardedSampler::new(0, CounterWidth::Bits32);
@@ -379,7 +382,7 @@ mod tests {
         }
     }
 
-    /// A flipped bit of the count at position 0 would move every wall. `zero` repairs this.
+    /// A flipped bit in the count at position 0 would move every wall. The command `zero` repairs it.
     #[test]
     fn a_moved_origin_is_told_once_per_output_until_the_next_zero() {
         for period in [10, 1] {
@@ -408,7 +411,8 @@ mod tests {
         }
     }
 
-    /// An output is late if the output before the due sample is missing. While flash is written, no output is late.
+    /// An output is late if it is still missing at the next due sample. While flash is written, no output counts as
+    /// late.
     #[test]
     fn a_late_output_is_found_with_the_sample_after_the_due_one() {
         for (rendered, stall, late) in
@@ -458,8 +462,8 @@ mod tests {
         }
     }
 
-    /// A flipped bit of the request does not end an alert: until `clear` every sample switches off, except a due
-    /// sample.
+    /// A flipped bit of the request does not end an alert. Until `clear`, every sample except a due one still switches
+    /// off.
     #[test]
     fn a_bit_that_flips_in_an_alert_ends_no_cut() {
         let control = free();

@@ -1,7 +1,7 @@
-//! The first fault as words for backup RAM, which a reset does not erase.
+//! The record of the first fault. It is kept in backup RAM, which a reset does not erase.
 //!
 //! `arm` writes a record with [`Fault::ResetWhileArmed`], because the program could not write one during a reset.
-//! `disarm` erases this record, and a fault replaces it. So the record after a reset is right.
+//! `disarm` erases this record, and a fault replaces it. So after any reset the record shows what has happened.
 
 use super::{Fault, FaultSet};
 use crate::{
@@ -19,9 +19,9 @@ pub struct FaultRecord {
     pub causes: FaultSet,
     /// Sample of the first fault, counted from the reset before it.
     pub sample: u64,
-    /// Position at the output that latched the fault, counts.
+    /// Position, in counts, at the output that latched the fault.
     pub position: Position,
-    /// Velocity at that output, counts per sample.
+    /// Velocity at that output, in counts per sample.
     pub velocity: Velocity,
     /// Force that acted until that output.
     pub force: Force,
@@ -52,12 +52,12 @@ pub enum ResetCause {
 }
 
 impl FaultRecord {
-    /// Words of backup RAM. They would also fit the 20 backup registers of the real-time clock.
+    /// Number of words of a record. It would also fit into the 20 backup registers of the real-time clock.
     pub const WORDS: usize = 10;
     /// First word of a record: "ZWF" and the version of the layout.
     const HEAD: u32 = u32::from_le_bytes(*b"ZWF\x01");
 
-    /// A record of a fault without circumstances.
+    /// Makes a record of a fault, without position, force and other circumstances.
     pub fn bare(fault: Fault) -> Self {
         Self {
             fault,
@@ -70,8 +70,8 @@ impl FaultRecord {
         }
     }
 
-    /// A record with the same circumstances and another fault. For the panic and HardFault handlers, which only have
-    /// the last record.
+    /// Returns a record with the same circumstances and another fault. The handlers of panic and HardFault use it,
+    /// because they have only the last record.
     #[must_use]
     pub fn renamed(self, fault: Fault) -> Self {
         Self { fault, causes: self.causes.with(fault), ..self }
@@ -96,7 +96,7 @@ impl FaultRecord {
         [a, b, c, d, e, f, g, h, i, crc::of_words(&body)]
     }
 
-    /// The record in those words. `None` if they are no record: RAM after power-up holds anything.
+    /// Reads a record from these words. Returns `None` if they are no record. After power-up the RAM may hold anything.
     pub fn from_words(words: &[u32; Self::WORDS]) -> Option<Self> {
         let [body @ .., check] = words;
         if crc::of_words(body) != *check {
@@ -118,7 +118,7 @@ impl FaultRecord {
     }
 }
 
-/// The fault to start with after a reset. `memory` is the content of the backup RAM.
+/// Returns the fault with which the board starts after a reset. `memory` is the content of the backup RAM.
 ///
 /// A recorded fault stays until `clear`. A watchdog reset is a fault in any case.
 pub fn boot_fault(memory: &[u32; FaultRecord::WORDS], reset: ResetCause) -> Option<FaultRecord> {
@@ -166,7 +166,7 @@ mod tests {
         }
     }
 
-    /// For the handlers, which only have the last record.
+    /// The handlers of panic and HardFault rename the last record in this way.
     #[test]
     fn under_another_name_it_keeps_its_circumstances_and_causes() {
         let renamed = record().renamed(Fault::Panic);
@@ -192,7 +192,7 @@ mod tests {
         assert_eq!(code(&none, ResetCause::Watchdog), Some(Fault::WatchdogReset));
         assert_eq!(code(&armed, ResetCause::Pin), Some(Fault::ResetWhileArmed));
         assert_eq!(code(&armed, ResetCause::Watchdog), Some(Fault::WatchdogReset));
-        // If the watchdog made a reset while armed, only the watchdog is reported.
+        // If the watchdog reset the board while it was armed, only the watchdog is reported, not the reset.
         let watchdog = FaultRecord::bare(Fault::WatchdogReset);
         assert_eq!(boot_fault(&armed, ResetCause::Watchdog), Some(watchdog));
         for reset in

@@ -24,9 +24,10 @@
 //!       clear    └───────┘
 //! ```
 //!
-//! Times: if the guard finds a fault at a sample, the force is off with this sample, or with the output that this
-//! sample requests. If that output does not come, the force is off with the next sample. After most other faults the
-//! force is off within one output period and one sample. A later fault is noted, but never replaces the first fault.
+//! How soon the force is off: if the guard finds a fault at a sample, the force is off with this sample, or with the
+//! output that this sample requests. If that output does not come, the force is off with the next sample. After most
+//! other faults the force is off within one output period and one sample. A later fault is noted, but never replaces
+//! the first fault.
 //!
 //! This is not a certified safety system. The emergency stop must also break the amplifier's enable in hardware.
 

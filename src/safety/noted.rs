@@ -8,13 +8,15 @@ use crate::Motion;
 /// Findings of the guard since the last `clear`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Guard {
-    /// Number of samples with a finding since the reset; wraps.
+    /// Number of samples since the reset in which a fault was found. The number wraps.
     pub events: u32,
-    /// Number of zeroings of the count; wraps.
+    /// Number of times that the count was zeroed. The number wraps.
     pub zeros: u32,
-    /// First faults. If noting had to wait, the faults of the next one or two samples are included.
+    /// The faults that were noted first. If the guard had to wait before it could note them, the faults of the next one
+    /// or two samples are included.
     pub first: FaultSet,
-    /// Sample at which the first faults were noted, low 32 bits: their own sample, or up to two later.
+    /// Low 32 bits of the number of the sample at which the first faults were noted. This is the sample in which they
+    /// were found, or one of the next two.
     pub first_sample: u32,
     /// All faults that were found.
     pub causes: FaultSet,
@@ -30,7 +32,7 @@ impl Guard {
         causes: FaultSet::EMPTY,
     };
 
-    /// Notes these faults. They become the first faults if `clear` has covered all earlier faults.
+    /// Notes these faults. They become the first faults if all earlier ones were cleared.
     #[inline(always)]
     pub(super) fn note(&mut self, found: FaultSet, sample: u32, dealt_with: bool) {
         if dealt_with {
@@ -40,19 +42,20 @@ impl Guard {
         self.events = self.events.wrapping_add(1);
     }
 
-    /// Full number of [`first_sample`](Self::first_sample): the number nearest to the sample of `motion`. It is later
-    /// than `motion` only if `render` is late.
+    /// Full number of the sample [`first_sample`](Self::first_sample). It is the number nearest to the sample of
+    /// `motion`, and is larger than that only if `render` is late.
     pub(super) fn first_found(&self, motion: Motion) -> u64 {
         let away = self.first_sample.wrapping_sub(motion.number()).cast_signed();
         motion.sample.saturating_add_signed(away.into())
     }
 }
 
-/// The guard's findings for the task `render`: never newer than the sample of the output.
+/// The guard's findings, as the task `render` may see them at an output. A zeroing after the sample of this output is
+/// not yet included.
 #[derive(Clone, Copy, Debug)]
 pub struct GuardView {
     newest: Guard,
-    /// Sample at which the guard reported `newest`, low 32 bits.
+    /// Low 32 bits of the number of the sample at which the guard reported `newest`.
     told_at: u32,
     /// [`Guard::zeros`] up to the sample of the last output.
     zeros: u32,
@@ -68,7 +71,7 @@ impl GuardView {
         (self.newest, self.told_at) = (newest, told_at);
     }
 
-    /// The guard's findings at this sample, without a zeroing after this sample.
+    /// Returns the guard's findings for the output of this sample. A zeroing after this sample is left out.
     #[inline(always)]
     pub fn at(&mut self, sample: u32) -> Guard {
         let mut guard = self.newest;
@@ -89,7 +92,7 @@ mod tests {
         let told = |zeros| Guard { zeros, events: zeros, ..Guard::NOTHING };
         let mut view = GuardView::NOTHING;
         view.take(told(1), 12);
-        // all other findings count at once
+        // All findings other than zeroings count at once.
         assert_eq!((view.at(10).zeros, view.at(10).events), (0, 1));
         assert_eq!(view.at(12).zeros, 1);
         view.take(told(2), 5); // the number has wrapped

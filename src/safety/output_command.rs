@@ -5,7 +5,7 @@ use crate::units::{Force, OutputCode};
 /// Command for the output. Only a supervisor that is on grants a force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OutputCommand {
-    /// First enable inactive, then the code of zero force.
+    /// Make enable inactive, then write the code of zero force.
     Off,
     /// This force may act now.
     On(GrantedForce),
@@ -36,7 +36,7 @@ impl GrantedForce {
 }
 
 impl OutputCommand {
-    /// The force that acts; `None` while off.
+    /// The force that acts, or `None` while off.
     pub fn force(self) -> Option<Force> {
         match self {
             Self::Off => None,

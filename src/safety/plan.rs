@@ -1,4 +1,5 @@
-//! Limits of the supervisor: in SI units for people, in counts, samples and outputs for the loop.
+//! The limits of the supervisor. [`SafetySettings`] has them in SI units, for people. [`SafetyPlan`] has them in
+//! counts, samples and outputs, for the loop.
 
 use core::ops::RangeInclusive;
 
@@ -9,67 +10,72 @@ use crate::{
     units::{Force, Position, Velocity},
 };
 
-/// Largest change of the force in a millisecond that does not come from position or velocity: 5 % of full scale, in LSB
-/// of [`Force`]. So a change over the whole range takes 40 ms, and a change by full scale 20 ms. If outputs are more
-/// than a millisecond apart, this is the largest step of an output.
+/// Largest change of the force in a millisecond, in LSB of [`Force`]. It is 5 % of full scale. Changes because of
+/// position or velocity are not limited. A change by full scale takes 20 ms, and a change over the whole range 40 ms.
+/// If outputs are more than a millisecond apart, this is the largest step of an output.
 pub const SLEW: i32 = (1 << Force::FRACTION_BITS) / 20;
 
-/// Largest force that may act without motion for any time: 10 % of full scale, in LSB of [`Force`]. It is twice the
-/// force with which the sign test moves the handle, so friction cannot be the reason for the missing motion.
+/// Largest force that may act for any time without a motion, in LSB of [`Force`]. It is 10 % of full scale. It is twice
+/// the force with which the sign test moves the handle, so friction cannot be the reason for the missing motion.
 pub(super) const PUSH_FORCE: i32 = (1 << Force::FRACTION_BITS) / 10;
-/// Longest time of a larger force without motion, s.
+/// The longest time, in s, for which a larger force may act without a motion.
 pub(super) const PUSH_S: f64 = 0.05;
-/// Fewest counts that are a motion: a count that flickers at an edge moves by 1, with noise by 2.
+/// The smallest number of counts that is a motion. Without a motion, a count that flickers at an edge changes by 1, and
+/// with noise by 2.
 pub(super) const PUSH_COUNTS: u32 = 3;
 /// Binary places of a count in the computed motion of the heaviest handle.
 pub(super) const HEAVIEST_BITS: u32 = 32;
-/// Largest change of speed, 2^14 counts per output, so that the product with a force fits.
+/// Largest change of the heaviest handle's speed at full scale. It is 2^14 counts per output, so that the product with
+/// a force does not overflow.
 const YIELDS_MAX: u64 = 1 << 46;
-/// Longest duration of the sign test, s.
+/// Longest duration of the sign test, in s.
 pub(super) const SIGN_TEST_S: f64 = 0.1;
-/// Time without an output after which `render` is stuck, s.
+/// Time, in s, after which the task `render` counts as stuck if no output comes.
 const STUCK_S: f64 = 0.01;
 
-/// Longest output period, s. The sign test needs several outputs.
+/// Longest output period, in s. The sign test needs several outputs.
 const RENDER_PERIOD_MAX_S: f64 = 0.0125;
 
-/// Believable and allowed values of a device, SI units.
+/// What is believable and what is allowed for a device, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SafetySettings {
-    /// Estimated speed above which the force is switched off, m/s: above 0, and below 32767 counts per sample.
+    /// Estimated speed, in m/s, above which the force is switched off. It must be above 0 and below 32767 counts per
+    /// sample.
     pub speed_max_m_per_s: f64,
-    /// Highest speed that the handle can have at all, m/s, at least `speed_max_m_per_s`. A larger move from one sample
-    /// to the next is a count jump. One count is added for quantisation.
+    /// Highest speed that the handle can have at all, in m/s. It is at least `speed_max_m_per_s`. A larger move from
+    /// one sample to the next is a count jump. One count is added for quantisation.
     pub speed_believable_m_per_s: f64,
-    /// Lowest position at which force may be on, m: one to 2^30 counts below zero.
+    /// Lowest position at which force may be on, in m. It must lie one to 2^30 counts below zero.
     pub travel_low_m: f64,
-    /// Highest position at which force may be on, m: one to 2^30 counts above zero.
+    /// Highest position at which force may be on, in m. It must lie one to 2^30 counts above zero.
     pub travel_high_m: f64,
-    /// Time over which the force rises after `arm`, s: 0.02 to 10.
+    /// Time over which the force rises after `arm`, in s. The range is 0.02 to 10.
     pub ramp_in_s: f64,
-    /// Force of the sign test, part of full scale: 0.001 to 0.05.
+    /// Force of the sign test, as a part of full scale. The range is 0.001 to 0.05.
     pub sign_test_force: f64,
-    /// Motion that the sign test needs, counts: 10 to 2^20. Below 8, quantisation alone could pass the test.
+    /// Motion that the sign test needs, in counts. The range is 10 to 2^20. With less than 8 counts, quantisation alone
+    /// could pass the test.
     pub sign_test_counts: u32,
-    /// Mass of the heaviest handle for a push, with everything that hangs on it, kg: 1e-9 to 1e6. If a push moves the
-    /// count by less than this handle would move, it is a push without motion.
+    /// Mass, in kg, of the heaviest handle that an experiment may push, with everything that hangs on it. The range is
+    /// 1e-9 to 1e6. If a push moves the count by less than this handle would move, it is a push without motion.
     pub heaviest_mass_kg: f64,
     /// Damping of the heaviest handle, N s/m: 0 to 1e6.
     pub heaviest_damping_n_s_per_m: f64,
-    /// Largest acceleration of the handle, for the wall's passivity controller, m/s^2; 0: no controller.
+    /// Largest acceleration of the handle, in m/s^2, for the passivity controller of the wall. With 0 there is no
+    /// controller.
     pub passive_acceleration_m_per_s2: f64,
 }
 
 impl SafetySettings {
-    /// Allowed times of the ramp, s. The lower end keeps the ramp below 5 % per output at 1 kHz.
+    /// Allowed times of the ramp, in s. The lower end keeps the ramp below 5 % per output at 1 kHz.
     pub const RAMP_IN_S: RangeInclusive<f64> = 0.02..=10.0;
     /// Allowed forces of the sign test, fraction of full scale.
     pub const SIGN_TEST_FORCE: RangeInclusive<f64> = 0.001..=0.05;
-    /// Allowed thresholds of the sign test, counts.
+    /// Allowed thresholds of the sign test, in counts.
     pub const SIGN_TEST_COUNTS: RangeInclusive<f64> = 10.0..=1_048_576.0;
-    /// Allowed masses of the heaviest handle, kg.
+    /// Allowed masses of the heaviest handle, in kg.
     pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-9..=1e6;
-    /// Allowed dampings of the heaviest handle, N s/m.
+    /// Allowed dampings of the heaviest handle, in N s/m.
     pub const HEAVIEST_DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e6;
 
     /// Checks the limits, and converts them to counts, samples and outputs.
@@ -91,7 +97,7 @@ impl SafetySettings {
         })?;
         let metres_per_second = design.resolution_m * design.rate_hz; // one count per sample
         let fastest = f64::from(Velocity::LIMIT - 1) * metres_per_second;
-        // At least one LSB of velocity. With a limit of 0, a handle at rest would be too fast.
+        // The limit must be at least one LSB of the velocity. With a limit of 0, a handle at rest would be too fast.
         let slowest = metres_per_second / f64::from(1u32 << Velocity::FRACTION_BITS);
         let speed = self.speed_max_m_per_s;
         within("speed_max_m_per_s", speed, slowest..=fastest)?;
@@ -156,7 +162,7 @@ impl SafetySettings {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Samples {
-    /// [`SafetyPlan::yields`] and [`SafetyPlan::slows`] for an output with every sample.
+    /// The values of [`SafetyPlan::yields`] and [`SafetyPlan::slows`] for an output at every sample.
     yields: u32,
     slows: u32,
     ms: u32,
@@ -172,12 +178,12 @@ impl SafetyPlan {
         self.passivity.as_ref()
     }
 
-    /// The same limits with an output each `period` samples.
+    /// Returns the same limits for an output every `period` samples.
     pub(crate) fn at(self, period: u32) -> Self {
         let period = period.max(1);
         let Samples { yields, slows, ms, ramp, sign_quarter, push, stuck } = self.samples;
         let per_ms = (ms / period).max(1);
-        // `period` / `ms` of 5 %: both are at most 50, so the product is within 32 bits
+        // The step is 5 % * `period` / `ms`. Both are at most 50, so the product is within 32 bits.
         let slew =
             if period < ms { SLEW.unsigned_abs() * period / ms } else { SLEW.unsigned_abs() };
         let ramp_renders =
@@ -197,7 +203,7 @@ impl SafetyPlan {
             ramp_step: (1 << Force::FRACTION_BITS) / ramp_renders.max(1),
             sign_quarter: sign_quarter / period,
             push_renders: push.div_ceil(period),
-            // a limited value only makes the check less strict
+            // If the value is limited here, the check only becomes less strict.
             yields: (u64::from(yields) * u64::from(period) * u64::from(period)).min(YIELDS_MAX),
             slows: slows.saturating_mul(period),
             passivity: self.passivity.map(|plan| plan.at(period)),
@@ -211,34 +217,35 @@ impl SafetyPlan {
 pub struct SafetyPlan {
     /// Samples from one output to the next.
     pub(super) period: u32,
-    /// Largest believable move in one sample, counts.
+    /// Largest believable move in one sample, in counts.
     pub(super) jump: u32,
-    /// Largest allowed speed, LSB of [`Velocity`].
+    /// Largest allowed speed, in LSB of [`Velocity`].
     pub(super) speed: u32,
-    /// Samples without an output after which `render` is stuck.
+    /// Number of samples without an output after which the task `render` counts as stuck.
     pub(super) stuck: u32,
     /// Largest step of the force from one output to the next that does not come from position or velocity.
     pub(super) slew: i32,
     /// Outputs in a millisecond, at least one.
     pub(super) per_ms: u32,
-    /// Largest allowed move in `per_ms` outputs, counts. One count for quantisation is included.
+    /// Largest allowed move in `per_ms` outputs, in counts. One count for quantisation is included.
     pub(super) moved: u32,
-    /// Lowest and highest position with force, counts.
+    /// Lowest and highest position with force, in counts.
     pub(super) travel: [i32; 2],
     /// Outputs over which the force rises.
     pub(super) ramp_renders: u32,
-    /// Part of the force that one output of the ramp adds, LSB of 2^-30, rounded down.
+    /// Part of the force that one output of the ramp adds, in units of 2^-30, rounded down.
     pub(super) ramp_step: u32,
     /// Outputs of one of the four parts of the sign test.
     pub(super) sign_quarter: u32,
     pub(super) sign_force: Force,
-    /// Motion that the sign test needs, counts.
+    /// Motion that the sign test needs, in counts.
     pub(super) sign_counts: i32,
-    /// Most outputs for which a push may be without motion.
+    /// The largest number of outputs for which a push may cause no motion.
     pub(super) push_renders: u32,
-    /// Speed that full scale adds to the heaviest handle from one output to the next, LSB of 2^-32 counts per output.
+    /// Speed that the force at full scale adds to the heaviest handle from one output to the next, in units of 2^-32
+    /// counts per output.
     pub(super) yields: u64,
-    /// Part of its speed that the heaviest handle loses from one output to the next, LSB of 2^-32.
+    /// Part of its speed that the heaviest handle loses by damping from one output to the next, in units of 2^-32.
     pub(super) slows: u32,
     pub(super) passivity: Option<Passivity>,
     /// Times in samples, from which the numbers of outputs are computed.
@@ -286,7 +293,8 @@ pub(super) mod tests {
         assert_eq!((plan.slew, plan.per_ms, plan.stuck), (SLEW, 1, 100));
     }
 
-    /// The same times at every period. If outputs are more than a millisecond apart, the step stays 5 %.
+    /// The times of the plan are the same at every output period. If outputs are more than a millisecond apart, the
+    /// step stays 5 %.
     #[test]
     fn outputs_that_are_closer_share_the_step_and_the_time() {
         for (period, per_ms) in [(1, 10), (2, 5), (5, 2), (10, 1), (20, 1), (125, 1)] {
@@ -310,7 +318,7 @@ pub(super) mod tests {
         assert!(plan.ramp_step <= plan.slew.unsigned_abs());
     }
 
-    /// From one LSB of velocity to one count below its range.
+    /// Tries limits from one LSB of the velocity to one count below the end of its range.
     #[test]
     fn every_speed_that_can_be_told_apart_can_be_a_limit() {
         let build = |speed_max_m_per_s, speed_believable_m_per_s| {

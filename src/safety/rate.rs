@@ -4,7 +4,7 @@
 
 use core::hint::cold_path;
 
-/// Number of outputs in a block, and number of blocks in a comparison.
+/// A block has `BLOCK` outputs, and a comparison has `BLOCKS` blocks.
 const BLOCK: u32 = 8;
 const BLOCKS: u32 = 8;
 
@@ -31,16 +31,16 @@ impl Ticks {
     }
 }
 
-/// Compares samples with a clock of `TICKS` ticks per sample. A comparison comes after each 8 outputs, over the last
-/// [`RateWatch::OUTPUTS`].
+/// Compares the samples with a clock that has `TICKS` ticks per sample. There is a comparison every 8 outputs. It
+/// covers the last [`RateWatch::OUTPUTS`] outputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RateWatch<const TICKS: u32> {
-    /// Ring buffer of the last blocks. The next field: their sum.
+    /// Ring buffer of the last blocks. `last` is their sum.
     blocks: [Ticks; BLOCKS as usize],
     last: Ticks,
-    /// Full blocks since the beginning of a comparison.
+    /// Number of full blocks since the comparison began anew.
     full: u32,
-    /// The present block, and its outputs.
+    /// The block that is being filled. `outputs` is the number of outputs in it.
     present: Ticks,
     outputs: u32,
     wrong: bool,
@@ -49,11 +49,11 @@ pub struct RateWatch<const TICKS: u32> {
 impl<const TICKS: u32> RateWatch<TICKS> {
     /// Outputs in a comparison. A wrong rate is found within this number of outputs and one more block.
     pub const OUTPUTS: u32 = BLOCKS * BLOCK;
-    /// Allowed error: one tick in this number, 2 %.
+    /// The allowed error is one tick in this number of ticks, which is 2 %.
     const PART: u32 = 50;
 
-    /// Takes the ticks and the samples since the last output. `anew`: time has passed without samples or without the
-    /// clock. The missing time is a separate fault, so the comparison begins again.
+    /// Takes the ticks and the samples since the last output. `anew` says that time has passed without samples or
+    /// without the clock. Such a gap is a fault of its own, so the comparison begins again.
     #[inline(always)]
     pub fn follow(&mut self, ticks: u32, samples: u32, anew: bool) {
         if anew {
@@ -93,8 +93,8 @@ impl<const TICKS: u32> RateWatch<TICKS> {
 mod tests {
     use super::*;
 
-    /// Runs outputs each `period` samples, with the clock at `rate` times its right rate. Returns the first output at
-    /// which the rate is found wrong.
+    /// Runs outputs every `period` samples. The clock runs at `rate` times its right rate, and every other output is
+    /// late by `late` samples. Returns the first output at which the rate is found wrong.
     fn found(period: u32, rate: f64, late: f64) -> Option<u32> {
         let mut watch = RateWatch::<4>::default();
         let mut before = 0u64;
@@ -147,7 +147,7 @@ mod tests {
             let mut watch = RateWatch::<4>::default();
             (0..64).for_each(|n| watch.follow(40 + if n == 0 { extra } else { 0 }, 10, false));
             assert_eq!(watch.is_wrong(), wrong, "{extra}");
-            // A halt gives no result about the rate. The last result stays until the next comparison.
+            // A halt says nothing about the rate. So the last result stays until the next comparison.
             watch.follow(5000, 10, true);
             assert_eq!(watch.is_wrong(), wrong, "{extra}");
         }

@@ -25,7 +25,7 @@ pub struct Written {
 }
 
 impl Written {
-    /// Code relative to zero force, with the sign at the hardware.
+    /// Code relative to the code of zero force, as the hardware gets it, so with the mirroring.
     #[inline]
     fn codes(self, zero: i32) -> i32 {
         let codes = self.command.code() - zero;
@@ -33,17 +33,17 @@ impl Written {
     }
 }
 
-/// Readings of the converters, each with a range of [`Readings::RANGE`] codes. `None`: the converter did not answer.
+/// Readings of the A/D converters. Each is below [`Readings::RANGE`]. It is `None` if the converter did not answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Readings {
     /// Voltage of the force output.
     pub output: Option<u16>,
-    /// The amplifier's voltage for its current.
+    /// Voltage with which the amplifier reports the motor's current.
     pub current: Option<u16>,
 }
 
 impl Readings {
-    /// 12 bits of the analogue supply.
+    /// Number of codes of a reading, which has 12 bits. They cover the analogue supply voltage.
     pub const RANGE: i32 = 4096;
 }
 
@@ -51,18 +51,18 @@ impl Readings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutputWatch {
     zero: i32,
-    /// Codes between which the output follows its command.
+    /// The lowest and the highest code between which the output surely follows its command.
     swing: [i32; 2],
 }
 
 impl OutputWatch {
-    /// Largest error of a reading, codes: 2 % of the range. Offset, gain and linearity of DAC and converter are
-    /// together some 1 %.
+    /// Largest allowed error of a reading, in codes. It is 2 % of the range. Offset, gain and linearity of DAC and
+    /// converter together cause some 1 %.
     pub const ALLOWED: i32 = 82;
-    /// Wrong readings in a row until a fault. A single wrong reading may be a disturbance.
+    /// Number of wrong readings in a row that are a fault. A single wrong reading may be a disturbance.
     pub const MISSES: u8 = 2;
 
-    /// A check of this output. `swing`: lowest and highest code that the output surely reaches.
+    /// Makes the check of this output. `swing` has the lowest and the highest code that the output surely reaches.
     ///
     /// # Errors
     /// `bits` or `steps` of the output is out of range.
@@ -70,8 +70,8 @@ impl OutputWatch {
         Ok(Self { zero: Actuator::new(output)?.zero().code(), swing })
     }
 
-    /// Takes a reading. `written`: the output that was read; `None`: the output is off, and nothing is compared.
-    /// `misses`: wrong readings in a row. Returns whether this is a fault.
+    /// Takes a reading. `written` is the output that was read. If it is `None`, the output is off and nothing is
+    /// compared. `misses` counts the wrong readings in a row. Returns whether there is a fault.
     #[inline]
     pub fn follow(&self, misses: &mut u8, written: Option<Written>, read: Option<u16>) -> bool {
         let Some(written) = written else {
@@ -92,7 +92,8 @@ impl OutputWatch {
     }
 }
 
-/// How an amplifier reports its current: as a voltage at an input of the board. Unit: part of the analogue supply.
+/// How an amplifier reports its current: as a voltage at an input of the board. The voltages are given as parts of the
+/// analogue supply.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CurrentSettings {
     /// Voltage without current.
@@ -103,12 +104,12 @@ pub struct CurrentSettings {
 }
 
 impl CurrentSettings {
-    /// The input is not used.
+    /// The settings if the input is not used.
     pub const UNUSED: Self = Self { rest: 0.0, full: 0.0 };
-    /// Least distance from rest to full scale. A quarter of it is some 30 codes.
+    /// The least allowed distance from `rest` to `full`. A quarter of it is some 30 codes.
     pub const LEAST: f64 = 0.03;
 
-    /// The check in integers; `None` if the input is not used.
+    /// Makes the check, with all values as integers. Returns `None` if the input is not used.
     ///
     /// # Errors
     /// A voltage is outside the supply, or the two voltages are too close.
@@ -157,18 +158,18 @@ pub struct CurrentWatch {
 }
 
 impl CurrentWatch {
-    /// Largest mean that is no fault, part of full scale.
+    /// Largest mean of the error that is no fault, as a part of full scale.
     pub const ALLOWED: f64 = 0.25;
     /// Replaces the reading of a converter that does not answer. It is far from every right reading.
     const NO_ANSWER: i32 = -4096;
     /// Binary places of the slope.
     const SLOPE_BITS: u32 = 16;
-    /// Time of the mean, 2^7 samples: 12.8 ms.
+    /// The time constant of the mean is 2^`MEAN_BITS` samples, 12.8 ms.
     const MEAN_BITS: u32 = 7;
 
-    /// Takes a reading. `mean`: mean error so far, 2^-7 codes. `written`: the output that was read; `None`: the output
-    /// is off. `samples`: samples since the reading before. A missing answer counts as the largest error. Returns
-    /// whether the current is wrong.
+    /// Takes a reading. `mean` is the mean error so far, in 2^-7 codes. `written` is the output that was read, or
+    /// `None` if the output is off. `samples` is the number of samples since the last reading. A missing answer counts
+    /// as the largest error. Returns whether the current is wrong.
     #[inline]
     pub fn follow(
         &self,
@@ -254,8 +255,8 @@ mod tests {
         Some((part * 4096.0) as u16)
     }
 
-    /// Time until a difference of this part of full scale is found, s, with outputs each `samples` samples. At most a
-    /// second is tried.
+    /// Returns the time, in s, until a difference of this part of full scale is found. Outputs come every `samples`
+    /// samples. It tries at most a second.
     fn found_s(
         output: Output,
         settings: CurrentSettings,
@@ -307,7 +308,8 @@ mod tests {
     #[test]
     fn an_amplifier_of_160_hz_is_no_fault_whatever_it_is_told() {
         for samples in [1u32, 10] {
-            // steps from one end to the other, as often as possible
+            // The command steps from one end of the range to the other and back, with different times between the
+            // steps.
             for half in [1, 3, 10, 30, 100] {
                 let (watch, mut mean) = (SENSE.build(DAC).unwrap().unwrap(), 0);
                 let (mut given, step_s) = (0.0, f64::from(samples) * 1e-4);

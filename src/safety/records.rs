@@ -5,15 +5,16 @@ use super::{Fault, FaultRecord, FaultSet};
 /// State of the supervisor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// No force; waits for `arm`.
+    /// There is no force. The supervisor waits for `arm`.
     Off,
-    /// After `arm`: a force of at most 5 %, for at most 100 ms, shows whether motor and encoder agree.
+    /// The first state after `arm`. A force of at most 5 % acts for at most 100 ms. It shows whether the signs of motor
+    /// and encoder agree.
     SignTest,
     /// The force rises.
     RampIn,
     /// The full force acts.
     Armed,
-    /// No force until `clear`.
+    /// There is no force until `clear`.
     Fault,
 }
 
@@ -35,16 +36,16 @@ impl State {
     }
 }
 
-/// Facts that board and link know at an output.
+/// Facts about board and settings at an output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Inputs {
-    /// The emergency stop is closed, so force is possible.
+    /// Whether the emergency stop is closed, so that force is possible.
     pub stop_closed: bool,
-    /// The supply is above the limit of the voltage detector.
+    /// Whether the supply is above the limit of the voltage detector.
     pub supply_good: bool,
-    /// The settings in force were accepted, and their gains are inside the envelope, or the envelope is unlocked.
+    /// Whether the settings in force were accepted. Their gains are inside the envelope, or the envelope is unlocked.
     pub settings_valid: bool,
-    /// A debugger halted the processor since the last output.
+    /// Whether a debugger halted the processor since the last output.
     pub halted: bool,
     /// Faults that the board found in itself.
     pub found: FaultSet,
@@ -53,25 +54,25 @@ pub struct Inputs {
 /// Facts that a board senses at an output, see [`contract::sense`](crate::contract::sense).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sensed {
-    /// The task `render` has switched the amplifier on, and has not switched it off since.
+    /// Whether the task `render` has switched the amplifier on, and has not switched it off since.
     pub switched_on: bool,
-    /// A debugger halted the processor since the last output.
+    /// Whether a debugger halted the processor since the last output.
     pub halted: bool,
-    /// The emergency stop was open at some time since the amplifier was switched on.
+    /// Whether the emergency stop was open at some time since the amplifier was switched on.
     pub was_stopped: bool,
-    /// The emergency stop is closed now.
+    /// Whether the emergency stop is closed now.
     pub stop_closed: bool,
-    /// The supply is above the limit of the voltage detector.
+    /// Whether the supply is above the limit of the voltage detector.
     pub supply_good: bool,
-    /// The amplifier is enabled. Read this before the inputs that may switch it off.
+    /// Whether the amplifier is enabled. Read this before the inputs that may switch it off.
     pub enabled: bool,
     /// Faults that the board found in itself. Enable is off then.
     pub found: FaultSet,
 }
 
 impl Inputs {
-    /// The inputs that follow from these facts. `cut`: the task `sample` has switched the amplifier off.
-    /// `settings_valid`: as in [`Inputs`].
+    /// Derives the inputs from these facts. `cut` says whether the task `sample` has switched the amplifier off.
+    /// `settings_valid` is the field of [`Inputs`].
     #[inline(always)]
     pub fn of(sensed: Sensed, cut: bool, settings_valid: bool) -> Self {
         let Sensed { switched_on, halted, supply_good, found, .. } = sensed;
@@ -92,7 +93,7 @@ impl Inputs {
     }
 }
 
-/// A request of the link.
+/// A request from the console to the supervisor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// Switch the force on: sign test, then ramp.
@@ -107,7 +108,7 @@ pub enum Request {
     Unlock,
     /// Motor or encoder are reversed, so the zero is lost.
     Turn,
-    /// Flash is about to be written (`true`), or was (`false`).
+    /// Flash is about to be written (`true`), or was written (`false`).
     Stall(bool),
     /// Switch off with this fault, which only the board can find.
     Trip(Fault),
@@ -116,7 +117,7 @@ pub enum Request {
 /// Why a request or a command is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// The command `zero` comes first.
+    /// The count was not zeroed yet: send `zero` first.
     NotZeroed,
     /// The settings are not valid, or outside the envelope.
     Settings,
@@ -174,7 +175,7 @@ impl Refusal {
     }
 }
 
-/// State of the supervisor for the link.
+/// What the supervisor reports to the console.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Status {
     /// State of the supervisor.
@@ -185,11 +186,11 @@ pub struct Status {
     pub causes: FaultSet,
     /// Causes that are present now.
     pub present: FaultSet,
-    /// The count was zeroed, and the zero was not lost since then.
+    /// Whether the count was zeroed and the zero was not lost since then.
     pub zeroed: bool,
-    /// Gains beyond the envelope are allowed.
+    /// Whether gains beyond the envelope are allowed.
     pub unlocked: bool,
-    /// The handle is inside the wall.
+    /// Whether the handle is inside the wall.
     pub contact: bool,
     /// The inputs of the last output.
     pub inputs: Inputs,

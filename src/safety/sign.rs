@@ -1,9 +1,10 @@
-//! Sign test: a small force must move the count the right way. Otherwise the wall would pull.
+//! The sign test. A small force must move the count the right way. If it moved the count the wrong way, the wall would
+//! pull.
 //!
-//! The handle may drift, hang from a spring or touch a stop. So the test has four quarters of equal length. The force
-//! acts away from the wall, towards the wall for two quarters, and away again. The result is the fourth difference of
-//! the count. A steady speed, a steady outside force and a steadily changing outside force cancel in this difference.
-//! The handle ends at its first position, with its first speed.
+//! The handle may drift, hang from a spring or touch a stop. So the test has four quarters of equal length. In the
+//! first quarter the force acts away from the wall, in the next two towards the wall, and in the last away again. The
+//! result is the fourth difference of the count. A steady speed, a steady outside force and a steadily changing outside
+//! force cancel in this difference. The handle ends at its first position, with its first speed.
 //!
 //! ```text
 //! count      x0      x1      x2      x3      x4
@@ -22,7 +23,7 @@ use crate::units::{Force, Position};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SignTest {
     outputs: u32,
-    /// Counts at the ends of the quarters.
+    /// Positions at the beginning of the test and at the end of each quarter.
     marks: [Position; 5],
 }
 
@@ -37,7 +38,7 @@ pub(super) enum SignStep {
 }
 
 impl SignTest {
-    /// A test whose first output is still to come.
+    /// Makes a test whose first output is still to come.
     pub fn new() -> Self {
         Self { outputs: 0, marks: [Position::default(); 5] }
     }
@@ -54,7 +55,8 @@ impl SignTest {
         let between = self.outputs - quarter * plan.sign_quarter.max(1) < plan.per_ms;
         self.outputs = self.outputs.saturating_add(1);
         match quarter {
-            // From -f to +f and back in two steps, a millisecond apart, each of at most 5 % of full scale.
+            // The force changes from -f to +f and back in two steps, a millisecond apart. Each step is at most 5 % of
+            // full scale.
             1 | 3 if between => SignStep::Push(Force::ZERO),
             0 | 3 => SignStep::Push(Force::saturating_from_bits(-plan.sign_force.bits())),
             1 | 2 => SignStep::Push(plan.sign_force),
@@ -76,13 +78,13 @@ mod tests {
     use super::*;
     use crate::safety::plan::tests::{DESIGN, SETTINGS};
 
-    /// A mass of 0.4 kg with 5.5 N s/m on a motor of 5.9 N, at 1 kHz and 1 um.
+    /// A handle of 0.4 kg with 5.5 N s/m, on a motor of 5.9 N. Outputs come at 1 kHz, and a count is 1 um.
     struct Handle {
         position_m: f64,
         velocity_m_per_s: f64,
-        /// Steady force from outside, N.
+        /// Steady force from outside, in N.
         load_n: f64,
-        /// Motor sign times encoder sign; 0: the handle cannot move.
+        /// The sign of the motor times the sign of the encoder. With 0 the handle cannot move.
         sign: f64,
         stop_m: f64,
     }
@@ -140,8 +142,8 @@ mod tests {
         assert_eq!(test(Handle { sign: -1.0, ..HANDLE }).0, SignStep::Failed);
         assert_eq!(test(Handle { sign: 0.0, ..HANDLE }).0, SignStep::Failed);
     }
-    /// The force goes out, in, in and out again. Each change takes two steps, a millisecond apart, at every output
-    /// period.
+    /// The force acts out of the wall, into it for two quarters, and out again. Each change takes two steps, a
+    /// millisecond apart, at every output period.
     #[test]
     fn the_force_goes_out_in_in_and_out_with_a_step_between() {
         for (period, per_ms, quarter) in [(10, 1, 25), (5, 2, 50), (1, 10, 250)] {

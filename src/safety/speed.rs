@@ -1,6 +1,7 @@
-//! Computes the speed from the counts of each millisecond. The velocity that the task `sample` checks is late by the
-//! estimator's delay, half a second at a cutoff of 0.4 Hz. If outputs are closer than a millisecond, the counts of a
-//! whole millisecond are used. In a shorter time a single count would be too large a part of the limit.
+//! Computes the speed from the counts of each millisecond. The task `sample` checks the estimated velocity, which is
+//! late by the estimator's delay. At a cutoff of 0.4 Hz this is half a second. If outputs are closer than a
+//! millisecond, the counts of a whole millisecond are used. Over a shorter time, a single count would be too large a
+//! part of the allowed motion.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -13,13 +14,13 @@ use crate::units::Position;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SpeedWatch {
     last: Position,
-    /// Outputs until the next check. 0: there was no check yet.
+    /// Number of outputs until the next check. It is 0 if there was no check yet.
     left: u32,
 }
 
 impl SpeedWatch {
-    /// Takes the position at an output. Returns whether it is farther from the position a millisecond ago than the plan
-    /// allows. `renamed`: the count was zeroed since the last output.
+    /// Takes the position at an output. Returns whether the handle has moved farther in the last millisecond than the
+    /// plan allows. `renamed` says whether the count was zeroed since the last output.
     #[inline]
     pub fn too_fast(&mut self, plan: &SafetyPlan, position: Position, renamed: bool) -> bool {
         if self.left > 1 && !renamed {

@@ -1,10 +1,10 @@
 //! Finds a push without motion. In free motion this is the only sign of a dead encoder.
 //!
-//! There are two checks, for a force above 10 % of full scale in one direction. First check: the count has moved at all
-//! in the last 50 ms. Second check: in each span of 50 ms the count has moved as far as the heaviest believable handle
-//! would move. The second check finds an encoder that drifts, or follows only a part of the motion. The heaviest handle
-//! is a mass and a damper, at rest when the push begins. The acting force, less 10 % for friction, moves it:
-//! `v += (f - 10 %) T^2 / (m r) - v T b / m`, `x += v`, in counts and outputs.
+//! There are two checks while a force above 10 % of full scale acts in one direction. The first checks that the count
+//! has moved at all in the last 50 ms. The second checks that in each span of 50 ms the count has moved at least as far
+//! as the heaviest believable handle would. The second check finds an encoder that drifts, or follows only a part of
+//! the motion. The heaviest handle is a mass and a damper, at rest when the push begins. The acting force, less 10 %
+//! for friction, moves it: `v += (f - 10 %) T^2 / (m r) - v T b / m`, `x += v`, in counts and outputs.
 //!
 //! A handle that a person holds still is also a push without motion. In contact there is no check, because there the
 //! wall holds the handle on purpose. So if an encoder dies in contact, only the next sign test finds it.
@@ -14,7 +14,7 @@
 use super::plan::{HEAVIEST_BITS, PUSH_COUNTS, PUSH_FORCE, SafetyPlan};
 use crate::units::{Force, Position};
 
-/// A million counts per output, so that a product fits.
+/// The largest computed speed, a million counts per output. With it a product with `slows` does not overflow.
 const SPEED_MAX: u64 = (1 << 52) - 1;
 
 /// Finds a force outside contact that moves the handle too little.
@@ -22,11 +22,11 @@ const SPEED_MAX: u64 = (1 << 52) - 1;
 pub(super) struct StuckEncoder {
     /// Whether the push is into the wall.
     inward: bool,
-    /// Counts since the last motion.
+    /// Range of the count since the last motion.
     still: Watched,
-    /// Counts since the last comparison with the heaviest handle.
+    /// Range of the count since the last comparison with the heaviest handle.
     far: Watched,
-    /// Speed of the heaviest handle, LSB of 2^-32 counts per output. The next field: its travel since the last
+    /// Computed speed of the heaviest handle, in units of 2^-32 counts per output. `way` is its travel since the last
     /// comparison.
     speed: u64,
     way: u64,
@@ -35,7 +35,7 @@ pub(super) struct StuckEncoder {
 /// Range of the count since a watch began.
 #[derive(Clone, Copy, Debug, Default)]
 struct Watched {
-    /// Outputs since the watch began. 0: no watch.
+    /// Number of outputs since the watch began. It is 0 without a watch.
     outputs: u32,
     lowest: Position,
     highest: Position,
@@ -46,7 +46,7 @@ impl Watched {
         Self { outputs: 1, lowest: position, highest: position }
     }
 
-    /// Takes one more output. Returns the range of the count so far, counts.
+    /// Takes the position of one more output. Returns the range of the count since the watch began, in counts.
     fn step(&mut self, position: Position) -> u32 {
         self.outputs = self.outputs.saturating_add(1);
         self.lowest = self.lowest.min(position);

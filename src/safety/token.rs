@@ -1,11 +1,12 @@
-//! A numbered request that no flipped bit can forge.
+//! A request with a number. A flipped bit cannot look like a request.
 
-/// The upper half is a number of 16 bits, the lower half its complement. A number that differs from the last number is
-/// a request.
+/// A request with a number. The upper half has the number in 16 bits, the lower half its complement. A token is a
+/// request if its number differs from the last number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Token(u32);
 
-/// The bits by which a [`Token`] is turned. With these bits a token is turned back without a branch.
+/// The bits in which a turned [`Token`] differs from the token itself. With these bits it is turned back without a
+/// branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Turn(u32);
 
@@ -22,7 +23,7 @@ impl Token {
         Self((number as u32) << 16 | !number as u32)
     }
 
-    /// Token of the next request; its number wraps.
+    /// Returns the token of the next request. Its number wraps.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "16 bits")]
     pub const fn next(self) -> Self {
@@ -35,15 +36,15 @@ impl Token {
         self.0 >> 16
     }
 
-    /// Whether this token requests something new after `last`. Between two valid tokens both halves differ in the same
-    /// bits. A flipped bit in a token makes a difference in one half only.
+    /// Whether this token requests something new after `last`. Two valid tokens differ in the same bits of both halves.
+    /// A flipped bit makes a difference in only one half.
     #[inline(always)]
     pub const fn asks_after(self, last: Self) -> bool {
         let differs = self.0 ^ last.0;
         self.number() != last.number() && differs == differs.rotate_right(16)
     }
 
-    /// This token with the number in place of the complement. The result is no request and equals no request. A second
+    /// Returns this token with its number in both halves. The result is not a valid request and equals none. A second
     /// turn restores the token.
     #[must_use]
     #[inline(always)]
@@ -51,20 +52,20 @@ impl Token {
         self.by(Turn::HALF)
     }
 
-    /// This token, turned by these bits.
+    /// Returns this token with these bits inverted.
     #[must_use]
     #[inline(always)]
     pub(super) const fn by(self, turn: Turn) -> Self {
         Self(self.0 ^ turn.0)
     }
 
-    /// How far this token is turned.
+    /// The bits for [`by`](Self::by) that turn this token back, or no bits if it is not turned.
     #[inline(always)]
     pub(super) const fn turn(self) -> Turn {
         if self.is_turned() { Turn::HALF } else { Turn::NONE }
     }
 
-    /// Whether this token is turned: its halves are equal.
+    /// Whether this token is turned, so that its two halves are equal.
     #[inline(always)]
     pub const fn is_turned(self) -> bool {
         self.0 == self.0.rotate_right(16)
@@ -82,7 +83,7 @@ impl Token {
 mod tests {
     use super::*;
 
-    /// All numbers, and one more.
+    /// Number of requests that are tried. They are all numbers of a token.
     const NUMBERS: u32 = if cfg!(miri) { 100 } else { 0x1_0000 };
 
     #[test]

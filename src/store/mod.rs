@@ -2,13 +2,13 @@
 //!
 //! Two sectors hold records of a fixed length, one after another. A save appends a record. The newest valid record is
 //! used. If a sector is full, the other sector is erased, and the next record goes there. So the sector with the newest
-//! record is never erased. A record is valid only if its last word is its right CRC. So a record that was cut short is
-//! ignored, and its slot is not used again. If a record has no room for all parameters of an estimator, the remaining
-//! parameters are in a further record. The further record is written before the main record, and is valid only together
-//! with the main record.
+//! record is never erased. A record is valid only if its last word is its correct CRC. So an incomplete record is
+//! ignored. Its slot is not used again before the next erase. If a record has no room for all parameters of an
+//! estimator, the remaining parameters are in a further record. The further record is written before the main record,
+//! and is valid only together with the main record.
 //!
-//! A sector of 16 KiB takes 93 saves. 10 000 erases of both sectors are 1.8 million saves. Writing flash stalls the
-//! processor (16 us a word, up to 0.5 s an erase), so save only with the force off.
+//! A sector of 16 KiB takes 93 saves. Each sector can be erased 10 000 times, which is enough for 1.8 million saves.
+//! Writing flash stalls the processor: 16 us per word, and up to 0.5 s per erase. So save only with the force off.
 //!
 //! The flash may be any [`NorFlash`] of two erase blocks, sector A and sector B. The size of a single write
 //! (`WRITE_SIZE`: 4 bytes on an F4, 8 or 16 on other families) must divide a record's 176 bytes.
@@ -56,12 +56,13 @@ const RECORD_BYTES: usize = size_of::<[u32; RECORD_WORDS]>();
 
 const BLANK: u32 = u32::MAX;
 
-/// Source of loaded settings.
+/// Where the loaded settings come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     /// The newest saved settings.
     Newest,
-    /// Older settings. A later save is damaged, was cut short, or is for an image with other estimators.
+    /// Older saved settings, because a later save is damaged, is incomplete, or belongs to an image with other
+    /// estimators.
     Older,
     /// The defaults, because nothing was ever saved. Another program may have written to the flash.
     Empty,
@@ -93,7 +94,7 @@ pub struct Loaded {
     pub stored: Stored,
     /// Source of these settings.
     pub source: Source,
-    /// Damaged or unfinished records in both sectors, and words of other programs.
+    /// Number of slots in both sectors that hold a damaged or unfinished record, or words of another program.
     pub damaged: u32,
 }
 
@@ -132,14 +133,14 @@ enum Slot {
     Record(u32, Stored),
 }
 
-/// Records in a sector.
+/// Number of records that fit into a sector.
 fn slots<F: NorFlash>() -> usize {
     const { assert!(RECORD_BYTES.is_multiple_of(F::WRITE_SIZE)) };
     const { assert!(RECORD_BYTES.is_multiple_of(F::READ_SIZE)) };
     F::ERASE_SIZE / RECORD_BYTES
 }
 
-/// The words of a slot, if the flash can be read.
+/// Reads the words of a slot. Returns `None` if the flash cannot be read.
 fn words<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Option<[u32; RECORD_WORDS]> {
     let mut words = [[0; size_of::<u32>()]; RECORD_WORDS];
     flash.read(sector.offset::<F>(slot), words.as_flattened_mut()).ok()?;
@@ -167,12 +168,12 @@ fn slot<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Slot {
 #[derive(Clone, Copy, Default)]
 struct Content {
     newest: Option<(u32, Stored)>,
-    /// Number of damaged slots. The next field: damaged slots after the newest record.
+    /// Number of damaged slots. `damaged_behind` counts only those after the newest record.
     damaged: u32,
     damaged_behind: u32,
     /// Number of damaged slots that once held a record.
     records: u32,
-    /// First slot after all slots that were ever written.
+    /// The first free slot. No slot from here on was written since the last erase.
     free: usize,
 }
 
@@ -181,7 +182,7 @@ fn scan<F: NorFlash>(flash: &mut F, sector: Sector) -> Content {
     let mut before = None;
     for n in 0..slots::<F>() {
         let (mut found, of_before) = (slot(flash, sector, n), before.take());
-        // a further record is useless without the main record after it
+        // A further record is used only together with the main record after it.
         if let Slot::Further(sequence, further) = found {
             before = Some((sequence, further));
         }
@@ -217,8 +218,8 @@ fn scan<F: NorFlash>(flash: &mut F, sector: Sector) -> Content {
     content
 }
 
-/// The sector with the newest record, this record, and the contents of both sectors. The sector of the record comes
-/// first.
+/// Returns the sector with the newest record, this record, and the contents of both sectors. The sector of the record
+/// comes first.
 fn newest<F: NorFlash>(flash: &mut F) -> (Sector, Option<(u32, Stored)>, [Content; 2]) {
     let (a, b) = (scan(flash, Sector::A), scan(flash, Sector::B));
     match (a.newest, b.newest) {
@@ -230,7 +231,8 @@ fn newest<F: NorFlash>(flash: &mut F) -> (Sector, Option<(u32, Stored)>, [Conten
     }
 }
 
-/// Slots that were damaged after the newest record was written, by a save or an erase that was cut short.
+/// Number of slots that were damaged after the newest record was written. A power cut during a save or an erase does
+/// that.
 ///
 /// If the other sector has valid records, this sector was filled before the active sector, so its damage is old. If the
 /// other sector has only words of another program, it was not in use yet.
@@ -244,7 +246,7 @@ fn is_half_erased(other: &Content) -> bool {
     other.newest.is_none() && other.damaged > 0
 }
 
-/// Loads the newest valid settings, else `defaults`. The result has their source.
+/// Loads the newest valid settings, or `defaults` if there are none. The result says where they come from.
 pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
     let (_, found, [active, other]) = newest(flash);
     let damaged = active.damaged + other.damaged;
@@ -260,13 +262,14 @@ pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
     Loaded { stored, source, damaged }
 }
 
-/// Whether a value is NaN. NaN is not saved: no console gives a NaN, and a NaN would not equal its copy.
+/// Whether a value is NaN. A NaN cannot come from the console. It is not saved, because it would not equal the copy
+/// that is read back.
 fn has_nan(stored: &Stored) -> bool {
     let same = *stored;
     same != *stored
 }
 
-/// Appends `stored`. After a power cut at any moment the flash has the settings from before, or `stored`.
+/// Appends a record with `stored`. If power is cut at any moment, flash has either the old settings or `stored`.
 ///
 /// # Errors
 /// The hardware failed, or the record reads back differently. The settings from before are still there.
@@ -290,7 +293,7 @@ pub fn save<F: NorFlash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveEr
     };
     let end = Sector::B.start::<F>();
     let (sector, slot) = if found.is_none() && content.damaged + other.damaged > 0 {
-        // Nothing must be kept. Old words would be taken for a newer record.
+        // There is no valid record, so both sectors are erased. Old words could be taken for a newer record.
         [0, end].into_iter().try_for_each(|start| flash.erase(start, start + end))?;
         (Sector::A, 0)
     } else if content.free + needed <= count && !is_half_erased(&other) {

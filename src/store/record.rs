@@ -6,7 +6,7 @@ use crate::{
     velocity::{EstimatorName, PARAMETERS},
 };
 
-/// Saved settings of a person, and the device that they were set for.
+/// The settings that a person saves, and the device for which they were made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stored {
     /// The device that the settings are for.
@@ -15,26 +15,26 @@ pub struct Stored {
     pub settings: Settings,
     /// Samples from output to output.
     pub period: u32,
-    /// Push of the experiments, N.
+    /// Push of the experiments, in N.
     pub push_n: f64,
     /// Directions of motor and encoder.
     pub signs: Signs,
-    /// Start of hits, m.
+    /// Start of hits, in m.
     pub start_m: f64,
     /// Time before a hit is judged, s.
     pub settle_s: f64,
     /// Time over which a hit is judged, s.
     pub window_s: f64,
-    /// Limit of a stable hit's RMS, m.
+    /// Limit of a stable hit's RMS, in m.
     pub rms_limit_m: f64,
     /// Criterion of a stable hit.
     pub criterion: Criterion,
-    /// Limit of the force's RMS with the criterion `quiet`, N. `None`: [a share](crate::experiment::quiet::FORCE_SHARE)
-    /// of the push.
+    /// Limit of the force's RMS for the criterion `quiet`, in N. With `None` the limit is [a
+    /// share](crate::experiment::quiet::FORCE_SHARE) of the push.
     pub force_rms_limit_n: Option<f64>,
     /// Force at full command, N, from the calibration.
     pub full_scale_n: f64,
-    /// Grid and caps of the walk.
+    /// Grid of the walk, with the largest K and B.
     pub grid: WalkSettings,
 }
 
@@ -43,12 +43,12 @@ pub struct Stored {
 pub struct DeviceKey {
     /// Name of the device, which is the name of its scene.
     pub name: Name,
-    /// Hash of the record. 0 in layouts without a hash.
+    /// Hash of the record. It is 0 for settings that were saved in a layout without a hash.
     pub hash: u32,
 }
 
 impl DeviceKey {
-    /// A device without a record.
+    /// Makes the key of a device without a record.
     ///
     /// # Panics
     /// The name is longer than [`Name::LEN`]. A constant of such a name does not compile.
@@ -62,11 +62,11 @@ impl DeviceKey {
 pub struct Name([u8; Self::LEN]);
 
 impl Name {
-    /// Bytes of the longest name.
+    /// Length of the longest name, in bytes.
     pub const LEN: usize = 16;
     pub(crate) const WORDS: usize = Self::LEN / 4;
 
-    /// This name, if it is not too long and has no zero byte.
+    /// Makes a name, if `name` is not too long and has no zero byte.
     pub fn new(name: &str) -> Option<Self> {
         if name.bytes().any(|byte| byte == 0) {
             return None;
@@ -76,7 +76,8 @@ impl Name {
         Some(Self(bytes))
     }
 
-    /// This name, from a constant. A longer constant does not compile, so two names never become the same.
+    /// Makes a name from a constant. A constant that is too long does not compile. It is not cut off, because two names
+    /// could then become equal.
     ///
     /// # Panics
     /// The name is longer than [`LEN`](Self::LEN).
@@ -87,7 +88,7 @@ impl Name {
         Self(bytes)
     }
 
-    /// The name as text; empty if the bytes are no text.
+    /// Returns the name as text, or an empty text if the bytes are not valid UTF-8.
     pub fn text(&self) -> &str {
         let text = self.0.split(|&byte| byte == 0).next().unwrap_or_default();
         core::str::from_utf8(text).unwrap_or_default()
@@ -110,22 +111,22 @@ impl Name {
 /// Directions in which motor and encoder are mounted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Signs {
-    /// A positive command pushes out of the wall.
+    /// Whether a positive command pushes out of the wall.
     pub motor_reversed: bool,
-    /// The count falls when the handle moves into the wall.
+    /// Whether the count falls when the handle moves into the wall.
     pub encoder_reversed: bool,
 }
 
-/// Flash words of a record.
+/// Length of a record, in flash words.
 pub const RECORD_WORDS: usize = 44;
 
-/// Settings that do not fit into a record: the estimator's parameters after the second parameter, and a limit of the
-/// force's RMS. A further record, just before the main record, has them.
+/// The content of a further record. It holds what does not fit into the main record: the estimator's parameters after
+/// the second one, and a limit of the force's RMS. It is written just before the main record.
 pub(super) type Further = [f64; FURTHER + 1];
 const KEPT: usize = 2;
 const FURTHER: usize = PARAMETERS - KEPT;
 
-/// Numbers in a record, two words each.
+/// How many numbers a record has. Each takes two words.
 const NUMBERS: usize = 17;
 
 /// Version of the layout.
@@ -136,7 +137,7 @@ const HEAD: u32 = u32::from_le_bytes([b'Z', b'W', b'S', LAYOUT]);
 const HEAD_4: u32 = u32::from_le_bytes(*b"ZWS\x04");
 /// First word of layout 3, which had a word of flags in place of the device's hash.
 const HEAD_3: u32 = u32::from_le_bytes(*b"ZWS\x03");
-/// First word of layout 2, which was layout 3 with 0 in place of the output period (1 kHz).
+/// First word of layout 2. It was like layout 3, but with 0 in place of the output period, which was always 1 ms.
 const HEAD_2: u32 = u32::from_le_bytes(*b"ZWS\x02");
 const PERIOD_2: u32 = 10;
 /// First word of a further record.
@@ -146,7 +147,7 @@ const FLAG_BITS: u32 = 8;
 const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
-/// Mask of the flags of older layouts.
+/// The flags that the layouts up to 4 have.
 const FLAGS_4: u32 = 7;
 const QUIET: u32 = 8;
 const FORCE_LIMIT: u32 = 16;
@@ -161,7 +162,7 @@ fn whole(low: u32, high: u32) -> f64 {
     f64::from_bits(u64::from(low) | u64::from(high) << 32)
 }
 
-/// These words, then zeros. The last word is a CRC over all other words.
+/// Makes a record of these words. Zeros fill it up, and the last word is a CRC over all other words.
 fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
     let mut words = [0; RECORD_WORDS];
     let [places @ .., check] = &mut words;
@@ -172,9 +173,9 @@ fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
     words
 }
 
-/// Whether these words look like a damaged record: three of the first four bytes are right. Words of another kind look
-/// like this with a probability of one in four million. A valid record of another layout, or with an estimator that
-/// this image lacks, belongs to another image and is not damaged.
+/// Whether these words look like a damaged record. They do if three of the first four bytes are right. Any other words
+/// look like this with a probability of one in four million. A valid record of another layout, or with an estimator
+/// that this image lacks, belongs to another image and is not damaged.
 pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     let [body @ .., check] = words;
     if crc::of_words(body) == *check {
@@ -186,7 +187,7 @@ pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     right.into_iter().filter(|&right| right).count() >= 3
 }
 
-/// Sequence number and content of a further record, if these words are a further record.
+/// Reads a further record from these words, if they are one. Returns its sequence number and its content.
 pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Further)> {
     let [body @ .., check] = words;
     let [HEAD_FURTHER, sequence, numbers @ ..] = body else { return None };
@@ -215,7 +216,7 @@ impl Stored {
         Some(checked([HEAD_FURTHER, sequence].into_iter().chain(numbers)))
     }
 
-    /// These settings with the values of the further record.
+    /// Returns these settings, completed with the values of the further record.
     #[must_use]
     pub(super) fn with_further(mut self, further: &Further) -> Self {
         let [parameters @ .., limit] = further;
@@ -265,8 +266,8 @@ impl Stored {
         )
     }
 
-    /// Sequence number and content of these words, if they are a record of this layout or of layout 4, 3 or 2. Values
-    /// of a further record are 0.
+    /// Reads a record of this layout or of layout 4, 3 or 2. Returns its sequence number and its settings. The values
+    /// that a further record holds are still 0.
     pub fn from_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Self)> {
         let [body @ .., check] = words;
         if crc::of_words(body) != *check {
@@ -411,8 +412,8 @@ pub(super) mod tests {
         check[0] = crc::of_words(body);
     }
 
-    /// Settings from before the device record belong to no device. Settings from before the output period have the
-    /// period of 1 kHz.
+    /// Settings of the layouts before the device record belong to no device. Settings of the layouts before the output
+    /// period have outputs at 1 kHz.
     #[test]
     fn records_of_layouts_2_to_4_are_read_and_before_4_are_no_devices() {
         let saved = Stored { period: 1, ..stored(1.0) };

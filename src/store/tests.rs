@@ -4,7 +4,7 @@ use embedded_storage::nor_flash::{
 };
 use std::{vec, vec::Vec};
 
-/// State after a power cut of the word that was being programmed or erased.
+/// How far the word that was being programmed or erased has come when power is cut.
 #[derive(Clone, Copy, Debug)]
 enum Cut {
     Before,
@@ -12,7 +12,8 @@ enum Cut {
     After,
 }
 
-/// Flash of two sectors. It programs and erases `UNIT` bytes at once, and loses power after a number of operations.
+/// A mock of flash with two sectors. It programs and erases `UNIT` bytes at once, and loses power after a given number
+/// of operations.
 #[derive(Clone)]
 struct Mock<const UNIT: usize = 4, const SECTOR: usize = WORDS> {
     words: Vec<u32>,
@@ -39,7 +40,7 @@ impl From<NorFlashErrorKind> for Failed {
     }
 }
 
-/// Three records, and a remainder that is too small for another one.
+/// Words of a sector. It has room for three records, and a rest that is too small for another one.
 const WORDS: usize = 3 * RECORD_WORDS + 8;
 
 impl<const UNIT: usize, const SECTOR: usize> Mock<UNIT, SECTOR> {
@@ -47,7 +48,7 @@ impl<const UNIT: usize, const SECTOR: usize> Mock<UNIT, SECTOR> {
         Self { words: vec![BLANK; 2 * SECTOR], left: None, cut: Cut::After, used: 0 }
     }
 
-    /// Whether the next operation is done completely, by half or not at all.
+    /// Counts an operation. Says whether it is done completely, by half or not at all.
     fn spend(&mut self) -> Result<(), Option<Cut>> {
         self.used += 1;
         match &mut self.left {
@@ -144,7 +145,7 @@ fn the_newest_of_many_saves_comes_back() {
     let mut flash = Mock::<4>::new();
     let empty = load(&mut flash, defaults());
     assert_eq!((stiffness(&empty), empty.source), (0.0, Source::Empty));
-    // The fifth record is the second one of the second sector.
+    // A sector has three records, so the fifth record is the second one of the second sector.
     for n in 1..if cfg!(miri) { 6 } else { 20 } {
         let record = stored(f64::from(n));
         assert_eq!(save(&mut flash, &record), Ok(Saved::Written));
@@ -161,7 +162,7 @@ fn a_power_cut_at_any_word_of_a_save_or_erase_loses_nothing() {
     cut_everywhere::<4>();
 }
 
-/// As on chips that program two or four words at once.
+/// Tests power cuts on chips that program two or four words at once.
 #[test]
 #[cfg_attr(miri, ignore = "some ten thousand saves")]
 fn nor_does_one_where_flash_is_programmed_in_wider_units() {
@@ -172,7 +173,7 @@ fn nor_does_one_where_flash_is_programmed_in_wider_units() {
 fn cut_everywhere<const UNIT: usize>() {
     let (record, sector) = (4 * RECORD_WORDS / UNIT, 4 * WORDS / UNIT);
     let mut cases = 0;
-    // 1: first save ever; 2, 3: within a sector; 4, 7, 10: with an erase of the other sector
+    // Save 1 is the first one ever. Saves 2 and 3 are within a sector. Saves 4, 7 and 10 first erase the other sector.
     for saves in 1..=10 {
         let mut before = Mock::<UNIT>::new();
         for n in 1..saves {
@@ -194,13 +195,13 @@ fn cut_everywhere<const UNIT: usize>() {
                 let loaded = load(&mut flash, defaults());
                 let complete = operations == whole.used && matches!(cut, Cut::After);
                 let expected = if complete { new } else { old };
-                // half of the last word may already be equal to the whole word
+                // If only half of the last word is written, it may already equal the whole word.
                 assert!(
                     stiffness(&loaded) == expected
                         || stiffness(&loaded) == new && operations == whole.used,
                     "save {saves}, cut {cut:?} after {operations}: {loaded:?}"
                 );
-                // the next save works as usual, twice
+                // The next two saves work as usual.
                 flash.left = None;
                 for n in [100.0, 101.0] {
                     assert_eq!(save(&mut flash, &stored(n)), Ok(Saved::Written));
@@ -300,7 +301,7 @@ fn every_flipped_byte_of_every_record_is_found() {
         for n in 1..=saves {
             save(&mut good, &stored(f64::from(n))).unwrap();
         }
-        // the newest record: the last record of A, or the first record of B
+        // The newest record is the last one of sector A, or the first one of sector B.
         let first = if saves == 4 { WORDS } else { (usize::from(saves) - 1) * RECORD_WORDS };
         for byte in (0..4 * RECORD_WORDS).step_by(STRIDE) {
             for flip in (1..=u8::MAX).step_by(STRIDE) {
@@ -326,7 +327,7 @@ fn damage_in_older_records_is_counted_and_changes_nothing() {
     assert_eq!((stiffness(&loaded), loaded.source, loaded.damaged), (2.0, Source::Newest, 1));
 }
 
-/// Without the new copy every boot would report that the newest copy is damaged.
+/// The settings are written anew, although they are unchanged. Otherwise every boot would report damaged records.
 #[test]
 fn the_same_settings_are_written_anew_after_an_erase_that_was_cut_short() {
     let mut flash = Mock::<4>::new();
@@ -377,7 +378,8 @@ fn nor_is_it_damage_beside_what_was_saved() {
     assert_eq!(load(&mut flash, defaults()).damaged, 0);
 }
 
-/// A valid record of another layout, or with an estimator that this image lacks: another image was here.
+/// A valid record of another layout, or with an estimator that this image lacks, is no damage. Another image has
+/// written it.
 #[test]
 fn a_whole_record_of_another_image_is_nothing_saved() {
     for (place, word) in [(0, u32::from_le_bytes(*b"ZWS\x06")), (7, 0xEE00), (7, 28 << 8)] {
@@ -408,8 +410,8 @@ fn a_record_that_cannot_be_read_is_damage() {
     }
 }
 
-/// The words of stored settings, and the words that version 0.1.0 wrote. Both can be read. A device with a device
-/// record does not take the words of 0.1.0.
+/// Reads the words that are written now, and the words that version 0.1.0 wrote. A device with a device record does not
+/// use the settings of 0.1.0.
 #[test]
 fn a_record_in_flash_is_its_words_least_significant_byte_first() {
     let mut flash = Mock::<4>::new();
@@ -453,7 +455,7 @@ fn two_sectors_of_one_record_each_are_enough_and_a_word_less_is_too_little() {
     assert_eq!(save(&mut shorter, &stored(1.0)), Err(SaveError::TooSmall));
 }
 
-/// The same for a main record and its further record.
+/// Without room for a main record and its further record, such settings cannot be saved.
 #[test]
 #[cfg(feature = "estimators")]
 fn an_estimator_of_many_parameters_needs_room_for_two_records() {
@@ -481,7 +483,7 @@ fn further_parameters_of_another_save_are_none() {
     }
 }
 
-/// Two saves never have the same number, unless four thousand million saves lie between them.
+/// Two records normally never have the same sequence number, because it takes 2^32 saves until it comes again.
 #[test]
 fn of_two_sectors_with_the_same_number_the_first_counts() {
     let mut flash = Mock::<4>::new();

@@ -1,6 +1,7 @@
-//! Gives the newest value from a task to a task that preempts it: two buffers, and a pointer to the valid one.
+//! Passes the newest value from a task to a task that preempts it. There are two buffers, and a pointer to the valid
+//! one.
 //!
-//! The reader only takes a reference: no copy, no check, one load. Without a lock, this is sound only because the
+//! The reader only loads a pointer. It makes no copy and no check. Without a lock, this is sound only because the
 //! reader preempts the writer on a single core. The writer stands still during a whole pass of the reader. If the pass
 //! comes before the pointer changes, the reader sees the old buffer. If the pass comes after the change, the reader
 //! sees the new buffer. The writer never writes the valid buffer. Because there is a single core, only the compiler
@@ -20,10 +21,10 @@ use core::{
 
 use super::Static;
 
-/// Two buffers. One buffer has the newest `T`.
+/// Two buffers, one of which has the newest `T`.
 pub struct DoubleBuffer<T> {
     buffers: [UnsafeCell<MaybeUninit<T>>; 2],
-    /// The valid buffer; null before `split`. Only the writer stores it.
+    /// Points to the valid buffer. It is null before `split`. Only the writer changes it.
     newest: AtomicPtr<T>,
 }
 
@@ -32,7 +33,7 @@ unsafe impl<T: Send + Sync> Sync for DoubleBuffer<T> {}
 
 pub struct DoubleBufferWriter<T: 'static>(&'static DoubleBuffer<T>);
 
-/// The reader of the buffers that `P` names. Its task must have a higher priority than the writer's.
+/// The reader of the double buffer that `P` names. Its task must have a higher priority than the task of the writer.
 pub struct DoubleBufferReader<T: 'static, P>(PhantomData<(*const T, P)>);
 
 // SAFETY: it is moved to its task once, before the task first runs. `*const T` prevents sharing.
@@ -46,7 +47,7 @@ impl<T: Copy> DoubleBuffer<T> {
         }
     }
 
-    /// Writer and reader of the buffers that `P` names, with `value` published. Call it once.
+    /// Returns writer and reader of the double buffer that `P` names. `value` is its first value. Call it only once.
     pub fn split<P: Static<Self>>(value: T) -> (DoubleBufferWriter<T>, DoubleBufferReader<T, P>) {
         let buffer = P::place();
         while !buffer.newest.load(Relaxed).is_null() {} // before any output is on
@@ -59,8 +60,8 @@ impl<T: Copy> DoubleBuffer<T> {
 }
 
 impl<T: Copy + 'static> DoubleBuffer<T> {
-    /// The valid value, for a task of lower priority than the writer. `None` if the writer published a new value during
-    /// the copy.
+    /// Copies the valid value, for a task of lower priority than the writer. Returns `None` if the writer published a
+    /// new value during the copy.
     pub fn look<P: Static<Self>>() -> Option<T> {
         let buffer = P::place();
         let newest = buffer.newest.load(Relaxed);
@@ -83,7 +84,7 @@ impl<T: Copy> DoubleBufferWriter<T> {
         unsafe { &*self.0.newest.load(Relaxed) }
     }
 
-    /// Makes this value valid as a whole, from the reader's next pass on.
+    /// Makes this value the valid one. The reader gets it as a whole, from its next pass on.
     #[inline(always)]
     pub fn publish(&mut self, value: T) {
         let [first, second] = &self.0.buffers;
@@ -98,8 +99,8 @@ impl<T: Copy> DoubleBufferWriter<T> {
 }
 
 impl<T: Copy, P: Static<DoubleBuffer<T>>> DoubleBufferReader<T, P> {
-    /// The valid value. The reference must not outlive this pass of the task. The borrow of `self` ensures that,
-    /// because the task's function ends.
+    /// Returns the valid value. The reference must not outlive this pass of the task. It borrows `self`, so it ends
+    /// with the task's function at the latest.
     #[inline(always)]
     pub fn get(&mut self) -> &T {
         let newest = P::place().newest.load(Relaxed);

@@ -1,10 +1,11 @@
-//! Exchange of values between tasks of different priorities, without a lock.
+//! Passes values between tasks of different priorities, without a lock.
 
 #![allow(unsafe_code)]
 
-/// Names a static `T`. The address of the static is a constant in code that knows the type. Such code loads no pointer.
+/// A type that stands for a static `T`. Code that knows the type has the address of the static as a constant, so it
+/// loads no pointer.
 pub trait Static<T: 'static>: 'static {
-    /// The static. Always the same one.
+    /// Returns the static. It must always be the same one.
     fn place() -> &'static T;
 }
 

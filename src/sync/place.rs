@@ -1,4 +1,5 @@
-//! The memory of a task. A task that it preempts may copy a part of the memory. The owner does nothing for this copy.
+//! The memory of a task, its owner. Another task, the viewer, may copy a part of it. The owner preempts the viewer, and
+//! has no work because of the copy.
 //!
 //! The owner works in its place and ignores the viewer. Without a lock, this is sound only because the owner preempts
 //! the viewer on a single core. The viewer stands still during a whole pass of the owner. Between two passes no
@@ -19,7 +20,7 @@ use core::{
 
 use super::Static;
 
-/// Data of a task: a part that a viewer may see, and the rest.
+/// Data of a task. A viewer may see only `shown`.
 pub struct Shown<S, R> {
     pub shown: S,
     pub rest: R,
@@ -64,7 +65,8 @@ impl<S, R> Place<S, R> {
 }
 
 impl<P: Placed> Owner<P> {
-    /// The owner's end and the viewer's end, with this data in the place. Call it once: there is no second owner.
+    /// Puts this data into the place, and returns its owner and its viewer. Call it only once, because there must be
+    /// only one owner.
     pub fn take(shown: P::Shown, rest: P::Rest) -> (Self, Viewer<P>) {
         let place = P::place();
         while place.taken.swap(true, Relaxed) {} // before any output is on
@@ -92,7 +94,7 @@ impl<P: Placed> Viewer<P> {
         copy
     }
 
-    /// The result of `see` for the data after the owner's last pass. Makes no copy.
+    /// Calls `see` with the data as they are after a pass of the owner, and returns its result. It copies no data.
     #[inline(always)]
     pub fn look<R>(&self, see: impl Fn(&P::Shown) -> R) -> R {
         let place = P::place().value.get().cast::<Shown<P::Shown, P::Rest>>();
@@ -110,7 +112,7 @@ impl<P: Placed> Viewer<P> {
         }
     }
 
-    /// A copy of the data after the owner's last pass.
+    /// Returns a copy of the data after the last pass of the owner.
     pub fn read(&self) -> P::Shown {
         let mut before = P::number(&self.copy());
         loop {

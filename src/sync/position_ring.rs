@@ -1,16 +1,17 @@
 //! Positions of the handle at the last samples. Experiments and telemetry need the position of every sample.
 //!
-//! `sample` writes without a check, at an index by the number of the sample. `render` reads the positions later, and
-//! `link` reads them for telemetry. A position is overwritten [`LENGTH`] samples later. If `render` is late by so many
-//! samples, it has already lost its output. After reading, `link` checks that no position was overwritten.
+//! The task `sample` writes without a check. The number of the sample gives the index. `render` reads the positions
+//! later, and `link` reads them for telemetry. A position is overwritten [`LENGTH`] samples later. If `render` were
+//! late by so many samples, its output would long have been switched off. After reading, `link` checks that no position
+//! was overwritten.
 
 use core::sync::atomic::{AtomicI32, Ordering::Relaxed};
 
 use zwidth::units::Position;
 
-/// Stored samples. These are enough even if `link` is late by all outputs that can wait in its queue.
+/// Number of samples that are stored. They are enough even if `link` is late by all outputs that can wait in its queue.
 const LENGTH: usize = 256;
-/// Most samples that `render` goes back.
+/// The largest number of samples that `render` goes back.
 pub const FOLLOWED: usize = 32;
 const _: () = assert!(LENGTH.is_power_of_two());
 
@@ -36,7 +37,7 @@ pub fn read(newest: u64, places: &mut [Position]) {
     }
 }
 
-/// Whether the position at `oldest` is still stored, if `next` is the next sample.
+/// Whether the position of the sample `oldest` is still stored. `next` is the number of the next sample.
 pub fn is_kept(oldest: u64, next: u64) -> bool {
     next.saturating_sub(oldest) < LENGTH as u64
 }
@@ -48,7 +49,7 @@ pub struct Follower {
 }
 
 impl Follower {
-    /// Before the first sample.
+    /// A follower that has not read any sample.
     pub const fn new() -> Self {
         Self { next: 0, end: 0 }
     }
@@ -59,7 +60,8 @@ impl Follower {
         self.next = self.next.max(self.end.saturating_sub(FOLLOWED as u64));
     }
 
-    /// The position at the next sample. `None` after the sample of [`follow_to`](Self::follow_to).
+    /// Returns the position at the next sample, or `None` after the last sample that [`follow_to`](Self::follow_to) has
+    /// allowed.
     pub fn read(&mut self) -> Option<Position> {
         if self.next >= self.end {
             return None;

@@ -1,5 +1,5 @@
-//! Gives the newest value from a task to a task that it preempts: one buffer, and a number that changes with every
-//! value.
+//! Passes the newest value from a task to a task that it preempts. There is one buffer, and a number that changes with
+//! every value.
 //!
 //! The writer only stores and numbers. Without a lock, this is sound only because the writer preempts the reader on a
 //! single core. So the reader never sees a half-written value. But a whole write may come while the reader copies. Then
@@ -28,7 +28,7 @@ pub struct Seqlock<T> {
 // SAFETY: see the module; there is one writer and one reader.
 unsafe impl<T: Send> Sync for Seqlock<T> {}
 
-/// The writer of the seqlock that `P` names. Its task must have a higher priority than the reader's.
+/// The writer of the seqlock that `P` names. Its task must have a higher priority than the task of the reader.
 pub struct SeqlockWriter<T: 'static, P>(PhantomData<(*const T, P)>);
 
 // SAFETY: it is moved to its task once, before the task first runs. `*const T` prevents sharing.
@@ -40,7 +40,7 @@ pub struct SeqlockReader<T: 'static> {
 }
 
 impl<T: Copy> Seqlock<T> {
-    /// A seqlock with a value that is marked as read, and the number `u32::MAX`.
+    /// Makes a seqlock whose first value counts as already read. Its number is `u32::MAX`.
     pub const fn new(value: T) -> Self {
         Self {
             taken: AtomicBool::new(false),
@@ -49,7 +49,7 @@ impl<T: Copy> Seqlock<T> {
         }
     }
 
-    /// Writer and reader of the seqlock that `P` names. Call it once.
+    /// Returns writer and reader of the seqlock that `P` names. Call it only once.
     pub fn split<P: Static<Self>>() -> (SeqlockWriter<T, P>, SeqlockReader<T>) {
         let snapshot = P::place();
         while snapshot.taken.swap(true, Relaxed) {} // before any output is on
@@ -65,8 +65,8 @@ impl<T: Copy, P: Static<Seqlock<T>>> SeqlockWriter<T, P> {
         self.publish(number);
     }
 
-    /// The stored value, for a change in place. After the change call [`publish`](Self::publish), before this pass of
-    /// the task ends.
+    /// Returns the stored value, so that it can be changed in place. After the change call [`publish`](Self::publish),
+    /// before this pass of the task ends.
     #[inline(always)]
     pub fn place(&mut self) -> &mut T {
         // SAFETY: there is a value since `new`. The reader cannot run meanwhile, see the module, and notices the change
@@ -83,13 +83,13 @@ impl<T: Copy, P: Static<Seqlock<T>>> SeqlockWriter<T, P> {
 }
 
 impl<T: Copy> SeqlockReader<T> {
-    /// The newest value, if it was not read yet.
+    /// Returns the newest value, if it was not read yet.
     #[inline(always)]
     pub fn read(&mut self) -> Option<T> {
         self.read_numbered().map(|(value, _)| value)
     }
 
-    /// As [`read`](Self::read), with the value's number.
+    /// Like [`read`](Self::read), but also returns the value's number.
     #[inline(always)]
     pub fn read_numbered(&mut self) -> Option<(T, u32)> {
         let snapshot = self.snapshot;

@@ -15,7 +15,7 @@ use crate::board::{self, Watchdog};
 /// force off. It also checks the image in flash.
 pub struct Idle {
     watchdog: Watchdog,
-    /// Values of `rendered` and `links` when the watchdog was last fed.
+    /// The flags `rendered` and `links` when the watchdog was last fed. Both must have changed before it is fed again.
     fed: [u32; 2],
     pass: Pass<'static>,
     checked: u32,
@@ -35,7 +35,7 @@ impl Idle {
             self.fed = now;
         }
         if let Some(found) = self.pass.go_on() {
-            // `link` accepts this sum only if each pass adds the right checksum.
+            // The task `link` accepts this sum only if each pass adds the right checksum.
             self.checked = self.checked.wrapping_add(found);
             FLAGS.checked.store(self.checked, Relaxed);
             if found != RIGHT {

@@ -1,7 +1,8 @@
-//! `link`: pended by `render` with every output, priority 1. Moves data between the console and the probe link.
+//! The task `link`, with priority 1. `render` requests it with every output. It moves data between the console and the
+//! probe link.
 //!
-//! Commands of the host may take a fifth of the time ([`Pace`]), one line per pass. Further bytes wait in the channel,
-//! and then at the host. Telemetry is not part of this fifth.
+//! A host's commands may take a fifth of the time ([`Pace`]). A pass takes one line. Further bytes wait in the channel.
+//! When the channel is full, they wait at the host. Telemetry is not part of this fifth.
 
 use core::sync::atomic::Ordering::Relaxed;
 
@@ -23,7 +24,8 @@ use super::{FLAGS, Numbered, ORDERS, REPORTS, sample::Sampling};
 use crate::board::{self, Commands, FlashError, SelfTest, SettingsFlash, UpLink, Watchdog};
 use crate::sync::{DoubleBuffer, Viewer, position_ring};
 
-/// Longest piece of a line in one frame of the log, bytes. `render` waits while the logger copies a frame.
+/// Length of the longest piece of a line in one frame of the log, in bytes. The length is limited because `render`
+/// waits while the logger copies a frame.
 const LOG_LINE: usize = 200;
 
 /// The console's access to the board's channels, flash and `render`.
@@ -35,7 +37,7 @@ struct Channels {
     flash: SettingsFlash,
     self_test: SelfTest,
     orders: Producer<'static, Numbered, ORDERS>,
-    /// Number of orders so far.
+    /// Number of orders that were given so far.
     ordered: u32,
 }
 
@@ -165,7 +167,7 @@ impl Link {
     }
 }
 
-/// Says why nothing runs, answers commands that are possible, and stays there with everything off.
+/// Says why no task runs, and answers the commands that are then possible. It never returns, and everything stays off.
 pub(super) fn refuse(mut link: board::Link, mut watchdog: Watchdog, why: &Unusable) -> ! {
     let mut console = Refused::new(board::FACTS.name, COMMIT, why);
     let mut said = Some(console.reason());

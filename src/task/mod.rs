@@ -9,9 +9,9 @@
 //! ```
 //! No task waits. `Report` and `Order` go through single-producer, single-consumer queues. Positions go through a
 //! [`position_ring`](crate::sync::position_ring). `link` reads the positions there too. It also reads the sampler
-//! itself ([`Viewer`](crate::sync::Viewer)). Of all other values only the newest is needed. `SampleReport` and `Guard`
-//! go up through [`Seqlock`](crate::sync::Seqlock). `LoopParameters` and `GuardCommand` go down through
-//! [`DoubleBuffer`](crate::sync::DoubleBuffer).
+//! itself ([`Viewer`](crate::sync::Viewer)). Of all other values only the newest is needed. From `sample` to `render`,
+//! `SampleReport` and `Guard` go through a [`Seqlock`](crate::sync::Seqlock). From `render` to `sample`,
+//! `LoopParameters` and `GuardCommand` go through a [`DoubleBuffer`](crate::sync::DoubleBuffer).
 
 mod idle;
 mod link;
@@ -41,9 +41,10 @@ use zwidth::{
 use crate::board::{self, Board};
 use crate::sync::{DoubleBuffer, Seqlock, position_ring};
 
-/// One more than the outputs that may wait for `link`, 15 ms at 1 kHz.
+/// Length of the queue of reports. It holds one less: 15 outputs may wait for `link`, which are 15 ms at 1 kHz.
 const REPORTS: usize = 16;
-/// One more than the orders that may wait for `render`. They come one at a time.
+/// Length of the queue of orders. It holds one less: one order may wait for `render`, because orders come one at a
+/// time.
 const ORDERS: usize = 2;
 
 // `render` reads the positions of a whole output period.
@@ -55,8 +56,8 @@ const _: () = {
     }
 };
 
-/// An order with its number, so that each order is carried out once. A flipped bit in the queue's indices would bring
-/// an old order back.
+/// An order with its number. A flipped bit in the indices of the queue could bring an old order back. With the number
+/// each order is carried out only once.
 pub struct Numbered {
     number: u32,
     order: Order,
@@ -76,10 +77,10 @@ impl Queues {
     }
 }
 
-/// Values that other tasks watch.
+/// Values that a task writes and other tasks watch.
 struct Flags {
     rendered: AtomicU32,
-    /// Passes of `link` so far.
+    /// Number of passes of `link` so far.
     links: AtomicU32,
     /// Sum of the checksums of all passes of `idle` over the image, see [`PassWatch`](zwidth::image::PassWatch).
     checked: AtomicU32,
@@ -100,7 +101,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     let image = board::image();
     let boot = boot_fault(&board.memory.read(), board.reset_cause);
     if let Err(why) = image.check() {
-        // The fault stays even if the next boot reads the right flash.
+        // The fault is recorded, so that it stays even if the next boot reads the flash correctly.
         let damaged = (why == BadImage::Damaged).then(|| FaultRecord::bare(Fault::Image));
         if let Some(record) = boot.or(damaged) {
             board.memory.write(&record.to_words());
@@ -121,7 +122,8 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
         };
     let acts = (board::output_watch(), current);
     if let Some(record) = fault {
-        // This reset may have added the fault of a watchdog reset. The record must survive the next reset.
+        // The record may now also have the fault of a watchdog reset. It must survive the next reset too, so it is
+        // written again.
         board.memory.write(&record.to_words());
     }
     let (control_in, control_out) = DoubleBuffer::split(control);

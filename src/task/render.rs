@@ -1,5 +1,5 @@
-//! `render`: pended by `sample` with every period-th sample, priority 14. Moves data between the renderer and the
-//! board.
+//! The task `render`, with priority 14. `sample` requests it once per output period. It moves data between the renderer
+//! and the board.
 
 use core::{hint::cold_path, sync::atomic::Ordering::Relaxed};
 
@@ -44,14 +44,14 @@ pub struct Outputs {
     pub memory: FaultMemory,
 }
 
-/// The task's ends of the queues.
+/// The ends of queues and buffers that the task `render` holds.
 pub struct Ends {
     /// Reports from `sample`, one per output.
     pub due: SeqlockReader<SampleReport>,
     /// The guard's findings from `sample`, when they have changed.
     pub guard: SeqlockReader<Guard>,
     pub sampling: ToSample,
-    /// View of the sampler that `sample` owns.
+    /// Access for reading to the sampler, which `sample` owns.
     pub sampler: Viewer<Block>,
     pub orders: Consumer<'static, Numbered, ORDERS>,
     pub reports: Producer<'static, Report, REPORTS>,
@@ -59,9 +59,9 @@ pub struct Ends {
 
 /// The ends that lead to `sample`.
 pub struct ToSample {
-    /// Written when the parameters change.
+    /// The loop's parameters. They are written when they change.
     pub control: DoubleBufferWriter<LoopParameters>,
-    /// Written with every output.
+    /// The command for the guard. It is written with every output.
     pub down: DoubleBufferWriter<GuardCommand>,
 }
 
@@ -90,14 +90,14 @@ pub struct Render {
     renderer: Renderer<HISTORY>,
     /// Number of the last order that was carried out.
     met: u32,
-    /// Faults found after the last checked output. The next field: sample of this output.
+    /// Faults that were found after the last checked output. `checked` is the number of this output's sample.
     found: FaultSet,
     checked: u32,
-    /// Whether the last check was one of the numbers (not of the registers).
+    /// Numbers and registers are checked alternately. Whether the last check was that of the numbers.
     numbers_next: bool,
-    /// Code that the last output wrote. `None`: the output was off.
+    /// The code that the last output has written, or `None` if the output was off.
     written: Option<Written>,
-    /// Checks of the output voltage and of the motor's current. The next two fields: their state.
+    /// The checks of the output's voltage and of the motor's current. `misses` and `mean` are their state.
     acts: Doubled<(Option<OutputWatch>, Option<CurrentWatch>)>,
     misses: u8,
     mean: i32,
@@ -155,7 +155,7 @@ impl Render {
         let record = self.follow(&rendered, up.motion);
         self.meet_order();
         if self.ends.reports.ready() {
-            // There is room, and nobody else writes.
+            // There is room in the queue, and no other task writes to it, so this cannot fail.
             let _ = self.ends.reports.enqueue(self.renderer.report(record));
         }
         board::request_link();
@@ -173,7 +173,7 @@ impl Render {
     #[inline(always)]
     fn sense(&mut self, up: &SampleReport) -> (Sensed, Guard) {
         let Outputs { drive, stop, supply, halts, .. } = &mut self.outputs;
-        // Every output period uses the limit of the longest period for a halt. So the limit is a fixed time.
+        // At every output period the limit for a halt is that of the longest period. So the limit is a fixed time.
         let sensed = contract::sense(
             (self.written.is_some(), self.found),
             (up.motion.sample, LONGEST),
@@ -250,7 +250,7 @@ impl Render {
         let output = output.is_some_and(|watch| watch.follow(&mut self.misses, was, read.output));
         let current =
             current.is_some_and(|watch| watch.follow(&mut self.mean, was, (read.current, passed)));
-        // Both must be called each time, so no `||`.
+        // Both functions must be called each time, so `||` is not used.
         let rate =
             self.outputs.halts.rate_is_wrong() | self.outputs.output_watchdog.rate_is_wrong();
         self.found = FaultSet::EMPTY
@@ -268,7 +268,7 @@ impl Render {
         }
     }
 
-    /// An order has changed on its way, or was lost. Switches off. The next output reports it.
+    /// Switches off, because an order has changed on its way or was lost. The next output reports it.
     #[cold]
     fn lose_order(&mut self) {
         board::off();

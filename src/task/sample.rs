@@ -1,4 +1,4 @@
-//! `sample`: priority 15, 10 kHz, by the interrupt of the sampling timer.
+//! The task `sample`, with priority 15. The interrupt of the sampling timer requests it at 10 kHz.
 
 use zwidth::{
     LoopParameters,
@@ -14,7 +14,7 @@ use crate::sync::{
     Viewer, position_ring,
 };
 
-/// With a counter of 32 bits, as on every board.
+/// The guarded sampler for a counter of 32 bits, which every board has.
 type GuardedSampler = zwidth::safety::GuardedSampler<Bits32>;
 
 /// The task's data beside the sampler.
@@ -32,7 +32,8 @@ pub type CommandReader = DoubleBufferReader<GuardCommand, Sampling>;
 pub type ReportWriter = SeqlockWriter<SampleReport, Sampling>;
 pub type GuardWriter = SeqlockWriter<Guard, Sampling>;
 
-/// All data of a sample in one block. The code loads one address. All data are at constant distances from this address.
+/// All data of a sample in one block. So the code loads a single address, and all data are at constant distances from
+/// it.
 #[repr(C)]
 struct Block {
     own: Place<GuardedSampler, Rest>,
@@ -83,7 +84,7 @@ impl Placed for Sampling {
 }
 
 impl Rest {
-    /// Adds the force, for estimators that use it.
+    /// Adds the force that acts to `senses`, for estimators that use it.
     #[inline(always)]
     fn with_force(&mut self, senses: Senses) -> Senses {
         if cfg!(feature = "estimators") {
@@ -92,7 +93,7 @@ impl Rest {
         senses
     }
 
-    /// Finishes each case separately, see [`judge`](GuardedSampler::judge).
+    /// Handles each result of [`judge`](GuardedSampler::judge) in its own branch, which makes a quiet sample short.
     #[inline(always)]
     fn hand_on(&mut self, sampler: &mut GuardedSampler, judged: Judged) {
         let Judged { motion, due, found, quiet } = judged;
@@ -125,7 +126,7 @@ impl Rest {
         step.report
     }
 
-    /// For a due sample: requests its output.
+    /// Reports a due sample to `render`, and requests its output.
     #[inline(always)]
     fn report(&mut self, report: SampleReport) {
         position_ring::note(report.motion.sample, report.motion.position);

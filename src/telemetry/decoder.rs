@@ -1,4 +1,4 @@
-//! Finds frames in a stream of bytes.
+//! Finds the telemetry frames in a stream of bytes.
 
 use super::{Frame, Parts, Record, parts::kind};
 
@@ -13,11 +13,11 @@ pub struct Decoder {
     filled: usize,
     next: Option<u32>,
     earlier: [Record; Frame::OUTPUTS - 1],
-    /// Number of outputs in the last frame before its newest.
+    /// Number of outputs in the last frame, without its newest output.
     before: usize,
     /// Number of frames so far.
     pub frames: u64,
-    /// Number of frames that are missing in the stream, by the sequence numbers.
+    /// Number of frames that are missing in the stream. It follows from the gaps in the sequence numbers.
     pub dropped: u64,
     /// Bytes that belong to no frame.
     pub garbage: u64,
@@ -30,7 +30,7 @@ impl Default for Decoder {
 }
 
 impl Decoder {
-    /// A decoder before the first byte.
+    /// Makes a decoder that has not taken any byte yet.
     pub const fn new() -> Self {
         Self {
             window: [0; Frame::LEN_MAX],
@@ -56,8 +56,8 @@ impl Decoder {
         self.pull()
     }
 
-    /// A complete frame in the bytes so far. Bytes that look like the start of a long frame may hold several short
-    /// frames.
+    /// Takes a complete frame out of the bytes so far, if there is one. Call it again for more: bytes that look like
+    /// the start of a long frame may hold several short frames.
     fn pull(&mut self) -> Option<Frame> {
         while let Some(length) = self.length() {
             if self.filled < length {
@@ -81,7 +81,7 @@ impl Decoder {
         None
     }
 
-    /// The outputs of the last frame before its newest, oldest first.
+    /// The outputs of the last frame except the newest output, in the order from the oldest on.
     pub fn earlier(&self) -> &[Record] {
         self.earlier.get(..self.before).unwrap_or_default()
     }
@@ -91,13 +91,15 @@ impl Decoder {
         Parts::of(self.last.get(..self.length).unwrap_or_default())
     }
 
-    /// All outputs of the last frame, oldest first, each as a frame with the same sequence.
+    /// Returns all outputs of the last frame, oldest first. `newest` is what [`push`](Self::push) returned. Each output
+    /// becomes a frame with the same sequence number.
     pub fn outputs(&self, newest: Frame) -> impl Iterator<Item = Frame> {
         let frame = move |&record| Frame { record, ..newest };
         self.earlier().iter().map(frame).chain([newest])
     }
 
-    /// Length of the frame at the beginning of the window, as far as it is known. `None` if the window is empty.
+    /// Returns the length of the frame at the beginning of the window, as far as it is known. Returns `None` if the
+    /// window is empty.
     fn length(&mut self) -> Option<usize> {
         loop {
             let taken = self.window.get(..self.filled).unwrap_or_default();
@@ -121,7 +123,7 @@ impl Decoder {
         }
     }
 
-    /// Stores the outputs before the newest. Returns false if the bytes are not those of a frame.
+    /// Stores the outputs before the newest one. Returns false if the bytes are not those of a frame.
     fn take_earlier(&mut self, frame: &Frame, length: usize) -> bool {
         self.before = 0;
         if self.window.get(2) != Some(&Frame::VERSION_2) {

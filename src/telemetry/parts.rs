@@ -1,4 +1,4 @@
-//! The parts of a frame: everything after its newest output.
+//! The parts of a frame. They hold everything that follows the newest output.
 //!
 //! Each part has a kind, a length and bytes of this length. `docs/telemetry.md` has the tables.
 
@@ -11,11 +11,11 @@ use crate::{
 };
 
 pub(super) mod kind {
-    /// Outputs before the newest.
+    /// The outputs before the newest one.
     pub const EARLIER: u8 = 1;
-    /// Differences of the counts, one byte each, with an escape.
+    /// Differences between the counts of the samples. Each has one byte, or five if it is large.
     pub const COUNTS: u8 = 2;
-    /// The same differences, two in a byte.
+    /// The same differences, but two in a byte. This is used if all are small.
     pub const SMALL_COUNTS: u8 = 3;
     /// Pushes of an experiment.
     pub const PUSHES: u8 = 4;
@@ -29,13 +29,13 @@ pub(super) mod kind {
     pub const PORT: u8 = 8;
 }
 
-/// Escape: the difference follows in four more bytes.
+/// A byte that says that the difference follows in four more bytes.
 const ESCAPE: i8 = i8::MIN;
 
-/// Longest state of an estimator, bytes: a window of 255 samples.
+/// Length of the longest state of an estimator, in bytes. It holds a window of 255 samples.
 pub const STATE_MAX: usize = 510;
 
-/// Settings in force, and the number of these settings in the records.
+/// The settings in force, and the number by which records refer to them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InForce {
     /// Number of the settings, as in [`Record::settings`].
@@ -55,9 +55,9 @@ pub struct Key {
     pub settings: u16,
     /// [`Tuned::number`] of the estimator's tuning.
     pub tuning: u16,
-    /// Number of zeroings of the count so far; wraps.
+    /// Number of times that the count was zeroed. The number wraps.
     pub zeros: u16,
-    /// Position at this sample; 0 if the count was zeroed with this sample.
+    /// Position at this sample. It is 0 if the count was zeroed with this sample.
     pub position: Position,
     /// Velocity at this sample.
     pub velocity: Velocity,
@@ -66,7 +66,7 @@ pub struct Key {
 }
 
 impl Key {
-    /// The key of this state with `estimator`. `None` if its memory does not fit.
+    /// Makes the key of this state of `estimator`. Returns `None` if its memory does not fit.
     pub fn of(
         (sample, zeros): (u64, u16),
         state: &State,
@@ -102,12 +102,12 @@ impl Key {
 pub struct FrameWriter<'a> {
     bytes: &'a mut [u8; Frame::LEN_MAX],
     used: usize,
-    /// Offset of the length of the part that is being written.
+    /// Offset of the byte that holds the length of the part that is being written.
     part: usize,
 }
 
 impl<'a> FrameWriter<'a> {
-    /// A writer that begins behind the frame's head.
+    /// Makes a writer that begins after the frame's head.
     pub(super) const fn new(bytes: &'a mut [u8; Frame::LEN_MAX], used: usize) -> Self {
         Self { bytes, used, part: 0 }
     }
@@ -132,7 +132,7 @@ impl<'a> FrameWriter<'a> {
         self.used = (self.used + N).min(Frame::LEN_MAX);
     }
 
-    /// Adds the outputs before the newest, oldest first.
+    /// Adds the outputs before the newest one, oldest first.
     pub(super) fn earlier(&mut self, outputs: &[Record]) {
         self.begin(kind::EARLIER);
         for record in outputs {
@@ -257,7 +257,7 @@ impl<'a> FrameWriter<'a> {
         self
     }
 
-    /// All bytes of the frame, with its checksum.
+    /// Adds the checksum, and returns all bytes of the frame.
     pub fn finish(self) -> &'a [u8] {
         let Self { bytes, used, .. } = self;
         let body = used.min(Frame::LEN_MAX - 4);
@@ -288,7 +288,7 @@ impl<'a> Parts<'a> {
         }
     }
 
-    /// Kind and bytes of each part.
+    /// Returns the kind and the bytes of each part.
     pub(super) fn all(self) -> impl Iterator<Item = (u8, &'a [u8])> {
         let mut rest = self.0;
         core::iter::from_fn(move || {
@@ -303,7 +303,7 @@ impl<'a> Parts<'a> {
         self.all().find_map(|(kind, part)| (kind == wanted).then_some(part))
     }
 
-    /// Whether the parts fill the frame, and each known part has its least length.
+    /// Whether the parts exactly fill the frame, and each part of a known kind is long enough.
     pub(super) fn are_whole(self) -> bool {
         let filled: usize = self.all().map(|(_, part)| part.len() + 2).sum();
         let told = self.all().all(|(kind, part)| match kind {
@@ -318,8 +318,8 @@ impl<'a> Parts<'a> {
         filled == self.0.len() && told
     }
 
-    /// The position of the sample before the frame, then of each sample up to the newest output. Empty if every sample
-    /// has an output. `newest` is the position of the newest output.
+    /// Returns the position of the sample before the frame, then of each sample up to the newest output. If every
+    /// sample has an output, there are none. `newest` is the position of the newest output.
     pub fn positions(
         self,
         newest: Position,
@@ -338,7 +338,7 @@ impl<'a> Parts<'a> {
         places.get(..=count).unwrap_or_default()
     }
 
-    /// The push of an experiment at the `n`-th output of the frame; the oldest output is 0.
+    /// Returns the push of an experiment at the `n`-th output of the frame. Number 0 is the oldest output.
     pub fn push(self, n: usize) -> Force {
         let (pushes, _) = self.find(kind::PUSHES).unwrap_or_default().as_chunks();
         pushes
@@ -346,7 +346,7 @@ impl<'a> Parts<'a> {
             .map_or(Force::ZERO, |bits| Force::saturating_from_bits(i32::from_le_bytes(*bits)))
     }
 
-    /// Settings in the frame. An item is `None` if this build lacks the estimator.
+    /// Returns the settings in the frame. An item is `None` if this build lacks the estimator.
     pub fn settings(self) -> impl Iterator<Item = Option<InForce>> + use<'a> {
         self.all().filter(|(kind, _)| *kind == kind::SETTINGS).map(|(_, part)| settings(part))
     }
@@ -382,7 +382,7 @@ const PORT_LEAST: usize = 2 * 8;
 const SETTINGS_LEAST: usize = 2 + 4 + 4 + 2 + 4 + 6 * 8;
 const STATE_LEAST: usize = 8 + 3 * 2 + 2 * 4;
 
-/// Whether no escape is cut off.
+/// Whether every escape is followed by its four bytes.
 fn is_whole(mut rest: &[u8]) -> bool {
     while let Some((first, behind)) = rest.split_first() {
         let more = if first.cast_signed() == ESCAPE { 4 } else { 0 };
@@ -392,7 +392,7 @@ fn is_whole(mut rest: &[u8]) -> bool {
     true
 }
 
-/// The differences of a part of the counts.
+/// Returns the differences that a part with counts contains.
 fn differences(kind: u8, part: &[u8]) -> impl Iterator<Item = i32> {
     let (mut rest, mut second) = (part, None);
     core::iter::from_fn(move || {

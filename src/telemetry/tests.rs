@@ -1,4 +1,4 @@
-//! Both layouts, whole, damaged and between garbage.
+//! Tests frames of both layouts: whole, damaged, and between garbage.
 
 use super::*;
 use crate::{
@@ -76,8 +76,8 @@ fn drops_are_counted_across_the_wrap_and_a_restart_is_none() {
     assert_eq!((decoder.frames, decoder.dropped, decoder.garbage), (7, 2, 0));
 }
 
-/// Some bytes look like the start of a long frame, and the stream ends before the end of that frame. The frames inside
-/// these bytes are found, in order.
+/// Some bytes look like the start of a long frame, but the stream ends too early for it. The frames inside these bytes
+/// are found, in order.
 #[test]
 fn frames_behind_the_beginning_of_a_long_one_that_never_ends_are_found() {
     let mut stream = [0; 40];
@@ -91,7 +91,7 @@ fn frames_behind_the_beginning_of_a_long_one_that_never_ends_are_found() {
     assert_eq!((decoder.frames, decoder.dropped, decoder.garbage), (2, 0, 42));
 }
 
-/// Frames in a stream. There are bytes of garbage before each frame.
+/// Number of frames in a stream. `NOISE` is the largest number of garbage bytes before each frame.
 const PARTS: usize = if cfg!(miri) { 3 } else { 20 };
 const NOISE: usize = if cfg!(miri) { 8 } else { 90 };
 
@@ -127,7 +127,7 @@ proptest! {
         prop_assert_eq!(decoder.garbage, garbage);
     }
 
-    /// Frames of both layouts between garbage. Every output is found once, in order, as it was sent.
+    /// A stream has frames of both layouts between garbage. Every output is found once, in order, as it was sent.
     #[test]
     fn every_output_of_long_frames_is_found_between_garbage_and_short_ones(
         parts in prop::collection::vec(
@@ -154,7 +154,7 @@ proptest! {
         };
         let mut whole = [0; Frame::LEN_MAX];
         for (n, (outputs, period, noise)) in parts.iter().enumerate() {
-            // the values that all outputs of a frame share
+            // All outputs of a frame get the values that they must share.
             let Frame { sequence, record: Record { sample, settings, fault, .. } } = outputs[0];
             let count = outputs.len() as u64;
             let outputs: Vec<_> = outputs.iter().zip((0..count).rev()).map(|(output, back)| {
@@ -170,7 +170,7 @@ proptest! {
                 frame.encode_after(earlier, *period, &mut whole).finish()
             };
             prop_assert!(earlier.is_empty() || bytes.len() == 46 + 18 * earlier.len());
-            // the first bytes of one of them are missing
+            // One of the frames lacks its first bytes.
             let bytes = if n == 1 { &bytes[cut.min(bytes.len())..] } else { bytes };
             if n == 1 && cut > 0 {
                 garbage += bytes.len() as u64;
@@ -270,7 +270,7 @@ proptest! {
         let numbers = numbers.map(f64::round);
         let pushes: Vec<_> = pushes.into_iter().map(Force::saturating_from_bits).collect();
         let settings = in_force(number, name, numbers, output);
-        // a number that is no parameter of the estimator is not written
+        // A number for which the estimator has no parameter is not written.
         let numbers = EstimatorName::of(&settings.settings.velocity).1;
         prop_assert_eq!(EstimatorName::of(&name.settings(numbers)).1, numbers);
         let frame = Frame { record: Record { position: *positions.last().unwrap(), ..frame.record }, ..frame };

@@ -1,5 +1,5 @@
-//! A second-order low-pass in direct form 1: 32-bit coefficients, 64-bit accumulator, carried residue (error feedback).
-//! Its DC gain is exactly one, and its output settles exactly.
+//! A second-order low-pass in direct form 1. It has coefficients of 32 bits and an accumulator of 64 bits. The rounding
+//! residue is carried to the next samples (error feedback). The DC gain is exactly one, and the output settles exactly.
 //!
 //! ```text
 //! y[n] = round((b0 x[n] + b1 x[n-1] + b2 x[n-2] - a1 y[n-1] - a2 y[n-2] + r[n]) / 2^30)
@@ -10,13 +10,13 @@
 //! the force.
 //!
 //! **Error feedback.** Rounding drops the part `e` of a sum. The next sums get this part back, either as `r = e[n-1]`
-//! (first order) or as `r = 2 e[n-1] - e[n-2]` (second order). So the output error is `(1 - z^-1) e / A(z)` or
-//! `(1 - z^-1)^2 e / A(z)`. Both errors are 0 at DC: with a DC gain of exactly one, the sum of the outputs follows the
-//! sum of the inputs for ever. At other frequencies the two errors differ. At low cutoffs both poles are near z = 1.
-//! There the first order leaves a gain of about `1 / w` (12 LSB RMS and limit cycles of 9 LSB at 0.3 .. 0.5 Hz and 10
-//! kHz). The second order leaves 0.3 LSB RMS. At high cutoffs there is no large gain, and the second order would only
-//! amplify the error: at 4990 Hz it leaves 1 LSB RMS, the first order 0.55. The design chooses the order ([`Shaping`])
-//! by the cutoff.
+//! (first order) or as `r = 2 e[n-1] - e[n-2]` (second order). So the output error is `(1 - z^-1) e / A(z)` or `(1 -
+//! z^-1)^2 e / A(z)`. Both errors are 0 at DC: with a DC gain of exactly one, the sum of the outputs follows the sum of
+//! the inputs for ever. At other frequencies the two errors differ. At low cutoffs both poles are near z = 1. There the
+//! error has a gain of about `1 / w` with the first order. At cutoffs of 0.3 to 0.5 Hz and 10 kHz this is an error of
+//! 12 LSB RMS, with limit cycles of 9 LSB. With the second order it is 0.3 LSB RMS. At high cutoffs there is no large
+//! gain, and the second order would only amplify the error: at 4990 Hz the error is 1 LSB RMS with the second order,
+//! and 0.55 LSB RMS with the first. The design chooses the order ([`Shaping`]) by the cutoff.
 //!
 //! The direct forms of `idsp` compute the same products. But the first-order form of `idsp` wraps at an overshoot at
 //! full scale, where this filter must saturate. The wide form of `idsp` truncates, and so has a bias at DC.
@@ -34,15 +34,15 @@ use super::{
 };
 use crate::units::Velocity;
 
-/// Coefficient with 30 fractional bits: -2 .. 2.
+/// A coefficient with 30 fractional bits. The range is -2 to 2.
 pub(super) type Coefficient = Q32<30>;
 
 /// Order of the error feedback.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shaping {
-    /// `(1 - z^-1)`, for high cutoffs.
+    /// The error of the rounding is shaped by `(1 - z^-1)`. This is used for high cutoffs.
     First,
-    /// `(1 - z^-1)^2`, for low cutoffs.
+    /// The error of the rounding is shaped by `(1 - z^-1)^2`. This is used for low cutoffs.
     Second,
 }
 
@@ -50,10 +50,10 @@ pub enum Shaping {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Biquad {
     b: [Coefficient; 3],
-    /// `-a1` and `-a2`. With these signs, five products and the residue are summed without a subtraction. The Cortex-M4
-    /// adds while it multiplies.
+    /// `-a1` and `-a2`. With these signs, the five products and the residue are summed without a subtraction. This is
+    /// faster, because the Cortex-M4 can add while it multiplies.
     back: [Coefficient; 2],
-    /// Mask for the second difference of the residue: -1 with it, 0 without it.
+    /// Mask that selects the order of the error feedback. It is -1 for the second order, and 0 for the first.
     second: i32,
 }
 
@@ -61,8 +61,8 @@ impl Biquad {
     /// Fractional bits of a coefficient.
     pub const FRACTION_BITS: u32 = 30;
 
-    /// A filter with these coefficients in LSB of 2^-30. `second`: second order of error feedback, else first. `a1` and
-    /// `a2` must be above -2.
+    /// Makes a filter with these coefficients in LSB of 2^-30. If `second` is true, the error feedback has second
+    /// order, otherwise first order. `a1` and `a2` must be above -2.
     pub(super) fn new(b: [i32; 3], a: [i32; 2], second: bool) -> Self {
         let q = Coefficient::from_bits;
         Self { b: b.map(q), back: a.map(|bits| q(-bits)), second: -i32::from(second) }
@@ -80,15 +80,15 @@ impl Biquad {
         if self.second == 0 { Shaping::First } else { Shaping::Second }
     }
 
-    /// Filters one sample. The output saturates before the feedback, so that an overload ends with its input. The state
-    /// saturates one count per sample beyond [`Velocity`]. The error feedback of a speed at the limit needs this room.
-    /// Otherwise the clipping would lower the mean.
+    /// Filters one sample. The output saturates before it is fed back, so an overload ends when its input ends. The
+    /// state saturates one count per sample beyond the range of [`Velocity`]. The error feedback needs this room at a
+    /// speed at the limit, where clipping would lower the mean.
     #[inline]
     pub fn update(&self, state: &mut BiquadState, input: Velocity) -> Velocity {
         self.update_sealed((state, &mut 0), input)
     }
 
-    /// As [`update`](Self::update), with the seal of [`Form::sealed`].
+    /// Like [`update`](Self::update), but also keeps the seal of [`Form::sealed`].
     #[inline(always)]
     fn update_sealed(
         &self,
@@ -100,11 +100,11 @@ impl Biquad {
         let [y1, y2] = state.y;
         let [r1, r2] = state.dropped;
         *seal = seal.wrapping_sub([x2, y2, r2].sum());
-        // The sum of the magnitudes is below 2^63: the design keeps |b0| + |b1| + |b2| + |a1| + |a2| < 4.
+        // The sum cannot overflow: its magnitude is below 2^63, because the design keeps |b0| + |b1| + |b2| + |a1| +
+        // |a2| < 4.
         let [b0, b1, b2] = self.b;
         let [c1, c2] = self.back;
-        // Below 2^31 as written. After a flipped bit the value may wrap. The check of the state's sum then finds the
-        // bit.
+        // The value is below 2^31. It can wrap only after a flipped bit, which the check of the state's sum then finds.
         let carried = i64::from(r1.wrapping_add(self.second & r1.wrapping_sub(r2)));
         let sum = b0 * x0 + b1 * x1 + b2 * x2 + c1 * y1 + c2 * y2;
         let total = sum.into_bits() + carried;
@@ -130,7 +130,7 @@ impl Biquad {
     }
 }
 
-/// Limit of the accumulator's upper half. Within it the rounded velocity is in range.
+/// If the accumulator's upper half is within this limit, the rounded velocity is in range.
 const NEAR: i32 = 0x1F00_0000;
 const _: () = assert!(4 * (NEAR as i64) < Velocity::LIMIT_BITS as i64);
 
@@ -139,8 +139,8 @@ const _: () = assert!(4 * (NEAR as i64) < Velocity::LIMIT_BITS as i64);
 pub struct BiquadState {
     x: [i32; 2],
     y: [i32; 2],
-    /// Parts that rounding down has dropped, 0 to 2^30. Each part is the residue plus half an LSB, so that the sum
-    /// already contains the half for rounding.
+    /// The parts that were dropped when the last two outputs were rounded down, 0 to 2^30. Each is the residue plus
+    /// half an LSB, so that the next sum already contains the half for rounding.
     dropped: [i32; 2],
 }
 
@@ -173,7 +173,7 @@ impl Kept for BiquadState {
 
 #[cfg(test)]
 impl Biquad {
-    /// A filter with the coefficients b0, b1, b2, a1, a2 and the mask of the second residue, unchecked.
+    /// Makes a filter with the coefficients b0, b1, b2, a1 and a2 and the mask `second`. Nothing is checked.
     pub(crate) fn from_bits([b0, b1, b2, a1, a2]: [i32; 5], second: i32) -> Self {
         Self { second, ..Self::new([b0, b1, b2], [a1, a2], false) }
     }

@@ -1,5 +1,5 @@
-//! Design of a biquad behind the finite difference, from physical quantities: two poles and two zeros. The lead of the
-//! velocity determines the first zero.
+//! Designs a biquad that follows the finite difference, from physical quantities. It has two poles and two zeros. The
+//! first zero follows from the lead that the velocity must have.
 //!
 //! ```text
 //! poles        p = exp(-w zeta +- w sqrt(zeta^2 - 1)),   w = 2 pi frequency / rate     matched: of s^2 + 2 zeta w s + w^2
@@ -29,15 +29,16 @@ use crate::range::{SettingsError, within};
 pub const FREQUENCY: RangeInclusive<f64> = 3.5e-5..=0.2;
 /// Accepted damping ratios of the poles.
 pub const DAMPING: RangeInclusive<f64> = 0.02..=4.0;
-/// Range of the second zero. The coefficients may have room for less.
+/// Allowed range of the second zero. If the coefficients would become too large, the upper end is lower.
 const ZERO: [f64; 2] = [-1.0, 0.98];
-/// Lowest first zero, -1, as `g`.
+/// The lowest allowed `g`. It puts the first zero at -1.
 const LEAST: f64 = -0.5;
 /// The largest sum of the coefficients' magnitudes.
 const SUM: f64 = 3.999;
 /// The largest magnitude of a coefficient.
 const COEFFICIENT: f64 = 1.999;
-/// Below this fraction of the sample rate the second order of error feedback is quieter, as for a Butterworth low-pass.
+/// If the frequency of the poles is below this fraction of the sample rate, error feedback of second order leaves less
+/// noise than that of first order. The limit is that of the Butterworth low-pass.
 const SECOND_ORDER_BELOW: f64 = 0.064;
 
 /// A biquad in floating point, normalised to `a0 = 1`.
@@ -47,13 +48,14 @@ pub struct BiquadDesign {
     pub b: [f64; 3],
     /// Denominator `1 + a1 z^-1 + a2 z^-2`.
     pub a: [f64; 2],
-    /// Sum of the numerator, `1 + a1 + a2`, computed without cancellation.
+    /// Sum of the numerator's coefficients. It equals `1 + a1 + a2`, but is computed without cancellation.
     dc_sum: f64,
     frequency_per_rate: f64,
 }
 
 impl BiquadDesign {
-    /// The biquad with poles of this frequency and damping, this lead at low frequencies, and this second zero.
+    /// Designs the biquad with poles of this frequency and damping, with this lead at low frequencies, and with this
+    /// second zero.
     ///
     /// # Errors
     /// Names the parameter that is out of range. The range of the zero follows from the poles. The range of the lead
@@ -65,11 +67,11 @@ impl BiquadDesign {
         zero: f64,
         rate_hz: f64,
     ) -> Result<Self, SettingsError> {
-        // the difference lags by half a sample
+        // The finite difference before the biquad lags by half a sample.
         Self::section(frequency_hz, damping, lead_s, zero, rate_hz, 0.5)
     }
 
-    /// As [`new`](Self::new), behind a delay of `late` samples. The lead compensates this delay too.
+    /// Like [`new`](Self::new), but for a biquad whose input is late by `late` samples. The lead includes this delay.
     fn section(
         frequency_hz: f64,
         damping: f64,
@@ -103,7 +105,7 @@ impl BiquadDesign {
         Self { b, ..self }
     }
 
-    /// The largest `g` for which the coefficients have room.
+    /// Returns the largest `g` with which the coefficients stay within their limits.
     fn most(&self, h: f64) -> f64 {
         let fits = |g: f64| {
             let Self { b: [b0, b1, b2], a: [a1, a2], .. } = self.with_zeros(g, h);
@@ -118,8 +120,8 @@ impl BiquadDesign {
         good
     }
 
-    /// Coefficients in LSB of 2^-30, with a DC gain of exactly one. The error is at most two LSB for `b1`, and at most
-    /// one LSB for every other coefficient.
+    /// Returns the coefficients in LSB of 2^-30, with a DC gain of exactly one. The rounding error is at most two LSB
+    /// for `b1`, and at most one LSB for every other coefficient.
     pub fn quantise(&self) -> Biquad {
         let one = 1i32 << Biquad::FRACTION_BITS;
         #[expect(clippy::cast_possible_truncation, reason = "below 2 in magnitude, so below 2^31")]
@@ -141,8 +143,8 @@ pub struct CascadeDesign {
 }
 
 impl CascadeDesign {
-    /// A cascade from two sections: frequency, damping, lead in s, second zero. The first frequency is in Hz, the
-    /// second frequency is relative to the first frequency.
+    /// Designs a cascade of two sections. Each section is given by frequency, damping, lead in s, and second zero. The
+    /// first frequency is in Hz. The second is a multiple of the first.
     ///
     /// # Errors
     /// Names the parameter that is out of range.
@@ -166,14 +168,14 @@ impl CascadeDesign {
         Ok(Self { sections: [first, second] })
     }
 
-    /// Each section with a DC gain of exactly one.
+    /// Quantises both sections. Each has a DC gain of exactly one.
     pub fn quantise(&self) -> Cascade {
         let [first, second] = &self.sections;
         Cascade { sections: [first.quantise(), second.quantise()] }
     }
 }
 
-/// `(1 - p)(1 - p')` and `p p'`.
+/// Returns `(1 - p)(1 - p')` and `p p'` for the two poles.
 fn poles(w: f64, damping: f64) -> [f64; 2] {
     let decay = libm::exp(-damping * w);
     let lost = -libm::expm1(-damping * w);
@@ -197,7 +199,7 @@ mod tests {
 
     const RATE_HZ: f64 = 1e4;
 
-    /// The range in a refusal.
+    /// Returns the range that a refusal states.
     fn range(result: Result<BiquadDesign, SettingsError>, key: &str) -> [f64; 2] {
         let error = result.unwrap_err();
         assert_eq!(error.parameter, key);
@@ -231,7 +233,7 @@ mod tests {
             let [b0, b1, b2, a1, a2] = biquad.bits().map(i64::from);
             let one = 1i64 << Biquad::FRACTION_BITS;
             assert_eq!(b0 + b1 + b2, one + a1 + a2, "{design:?}");
-            // the triangle of stability
+            // The filter is stable if `a1` and `a2` lie in this triangle.
             assert!(a2 < one && a1 < one + a2 && -a1 < one + a2, "{design:?}");
             let all = [b0, b1, b2, a1, a2].map(i64::abs).into_iter().sum::<i64>();
             assert!(all < 4 * one, "{design:?}");
@@ -245,8 +247,8 @@ mod tests {
         assert!(widest > 3.99, "{widest}");
     }
 
-    /// Poles and second zero are compared as roots. The delay is the mean time of the impulse response, weighted by its
-    /// values.
+    /// Poles and second zero are compared with the roots of the polynomials. The delay is the mean time of the impulse
+    /// response, weighted by its values.
     #[test]
     fn poles_zeros_and_lead_are_where_they_were_asked_for() {
         for (f, damping, lead_s, zero) in [
@@ -268,7 +270,8 @@ mod tests {
             };
             assert!((a1 + sum).abs() < 1e-12, "{a1} {sum}");
             assert!((b0 * zero * zero + b1 * zero + b2).abs() < 1e-12);
-            // d/dq of ln N and ln A at q = z^-1 = 1, and half a sample of the difference
+            // The delay follows from the derivatives of ln N and ln A at z^-1 = 1, plus half a sample of the
+            // difference.
             let s = b0 + b1 + b2;
             let delay = 0.5 + ((b1 + 2.0 * b2) - (a1 + 2.0 * a2)) / s;
             assert!((delay / RATE_HZ + lead_s).abs() < 1e-12, "{delay}");
@@ -296,7 +299,7 @@ mod tests {
         assert_eq!(range(of(500.0, 5.0, 0.0, 0.0), "damping"), [0.02, 4.0]);
         let [low, high] = range(of(500.0, 0.5, 1.0, 0.0), "lead_s");
         assert!(low < -1e-4 && high > 3e-4 && high < 1e-3, "{low} {high}");
-        // a lower frequency leaves more room for a lead
+        // A lower frequency of the poles allows a larger lead.
         let [_, slower] = range(of(100.0, 0.5, 1.0, 0.0), "lead_s");
         assert!(slower > high);
         let [_, high] = range(of(2000.0, 0.02, 0.0, 1.0), "zero");

@@ -1,4 +1,4 @@
-//! Design and quantisation of the second-order low-pass, in particular Butterworth's. It is the paper's equation (2),
+//! Designs and quantises low-passes of first and second order. The Butterworth low-pass is the paper's equation (2),
 //! with the exact `2 sqrt(2)` in place of the printed 2.8.
 //!
 //! ```text
@@ -37,9 +37,9 @@ pub const PREWARPED_MAX: f64 = 0.38;
 /// Accepted quality factors. Up to the highest quality factor, the magnitudes of the coefficients add up to less than 4
 /// at every cutoff.
 pub const QUALITY: RangeInclusive<f64> = 0.3..=2.0;
-/// Above this fraction of the sample rate the first order of error feedback is quieter, to 1 % (both orders are equal
-/// at 0.0655). There both orders leave 0.36 LSB RMS, by the sum of the squared impulse responses of
-/// `(1 - z^-1)^k / A(z)`.
+/// If the cutoff is below this fraction of the sample rate, error feedback of second order leaves less noise than that
+/// of first order. The exact limit is 0.0655. At the limit both leave 0.36 LSB RMS, which is the sum of the squared
+/// impulse responses of `(1 - z^-1)^k / A(z)`.
 const SECOND_ORDER_BELOW: f64 = 0.064;
 
 /// Frequency at which the unquantised digital filter is at -3 dB, in Hz.
@@ -55,7 +55,7 @@ pub fn true_cutoff_hz(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> f64 {
     }
 }
 
-/// `w = wc T`, pre-warped or not.
+/// Returns the `w` of the equations, which is `wc T`, or pre-warped `2 tan(wc T / 2)`.
 fn digital_frequency(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<f64, SettingsError> {
     let highest = if prewarp { PREWARPED_MAX } else { CUTOFF_MAX };
     within("cutoff_hz", cutoff_hz, CUTOFF_MIN * rate_hz..=highest * rate_hz)?;
@@ -63,13 +63,14 @@ fn digital_frequency(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<f64,
     Ok(if prewarp { prewarped(angle) } else { angle })
 }
 
-/// This function is not inlined. Otherwise every cutoff would need the stack of `tan`.
+/// Pre-warps an angle. This function is not inlined, so that cutoffs without pre-warping do not need the stack of
+/// `tan`.
 #[inline(never)]
 fn prewarped(angle: f64) -> f64 {
     2.0 * libm::tan(angle / 2.0)
 }
 
-/// Coefficients in floating point, normalised to `a0 = 1`; `b1 = 2 b0`, `b2 = b0`.
+/// Coefficients of the low-pass in floating point, normalised to `a0 = 1`. The others are `b1 = 2 b0` and `b2 = b0`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ButterworthDesign {
     /// Gain of the numerator `b0 (1 + z^-1)^2`.
@@ -82,7 +83,7 @@ pub struct ButterworthDesign {
 }
 
 impl ButterworthDesign {
-    /// The filter of equation (2) for that cutoff and sample rate, both in Hz.
+    /// Designs the filter of equation (2) for this cutoff and sample rate, both in Hz.
     ///
     /// # Errors
     /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
@@ -90,7 +91,7 @@ impl ButterworthDesign {
         Ok(Self::of(digital_frequency(cutoff_hz, rate_hz, prewarp)?, SQRT_2, cutoff_hz / rate_hz))
     }
 
-    /// As [`new`](Self::new), with any quality factor, without pre-warping.
+    /// Like [`new`](Self::new), but with any quality factor, and without pre-warping.
     ///
     /// # Errors
     /// `cutoff_hz` is out of range as in [`new`](Self::new), or `quality` is outside [`QUALITY`].
@@ -113,9 +114,9 @@ impl ButterworthDesign {
 
     /// The coefficients in LSB of 2^-30, with a DC gain of exactly one.
     ///
-    /// `a2` is rounded. The DC sum `S` is rounded from `4 b0`, where nothing cancels. `a1` follows from `S` and `a2`.
-    /// The numerator is split so that its coefficients add up to `S`. So the error of `a2` is at most half an LSB, of
-    /// `a1` and `b0` one LSB, and of `b1` two LSB.
+    /// `a2` is rounded. The DC sum `S` is rounded from `4 b0`, because nothing cancels in this product. `a1` follows
+    /// from `S` and `a2`. The numerator is split so that its coefficients add up to `S`. So the rounding error is at
+    /// most half an LSB for `a2`, one LSB for `a1` and `b0`, and two LSB for `b1`.
     pub fn quantise(&self) -> Biquad {
         const ONE: i32 = 1 << Biquad::FRACTION_BITS;
         let scale = f64::from(ONE);
@@ -143,7 +144,7 @@ pub struct FirstOrder {
 }
 
 impl FirstOrder {
-    /// The filter for that cutoff and sample rate, both in Hz.
+    /// Designs the filter for this cutoff and sample rate, both in Hz.
     ///
     /// # Errors
     /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
@@ -155,8 +156,8 @@ impl FirstOrder {
         Self { b0: w / (2.0 + w), a1: (w - 2.0) / (2.0 + w) }
     }
 
-    /// The coefficients in LSB of 2^-30, with a DC gain of exactly one. The error of each coefficient is at most one
-    /// LSB. The single pole needs no second order of error feedback at any cutoff.
+    /// Returns the coefficients in LSB of 2^-30, with a DC gain of exactly one. The rounding error of each coefficient
+    /// is at most one LSB. The single pole needs no second order of error feedback at any cutoff.
     pub fn quantise(&self) -> Biquad {
         const ONE: i32 = 1 << Biquad::FRACTION_BITS;
         #[expect(clippy::cast_possible_truncation, reason = "2 b0 < 2")]
@@ -169,7 +170,7 @@ impl FirstOrder {
 }
 
 impl Biquad {
-    /// The low-pass of first or second order in integers, for all rows of the table.
+    /// Makes the low-pass of first or second order in integers. All rows of the table with a low-pass use it.
     #[inline(never)] // once in the image
     pub(super) fn low_pass(
         order: u32,
@@ -184,7 +185,7 @@ impl Biquad {
         })
     }
 
-    /// The low-pass of second order with a quality factor in integers.
+    /// Makes the low-pass of second order with a quality factor, in integers.
     #[cfg(feature = "estimators")]
     pub(super) fn second_order(
         cutoff_hz: f64,
@@ -208,7 +209,7 @@ impl Biquad {
         let quadratic = to_f64(32 * b0 * b0 - 16 * one * a2);
         let linear = to_f64(4 * p - 16 * dc_sum * b0);
         let constant = to_f64(dc_sum * dc_sum);
-        // The smaller positive root, in the form that does not cancel (linear < 0 < constant).
+        // The smaller positive root. This form of the solution has no cancellation, because linear < 0 < constant.
         let root = libm::sqrt((linear * linear - 4.0 * quadratic * constant).max(0.0));
         let s = 2.0 * constant / (root - linear);
         rate_hz / core::f64::consts::PI * libm::asin(libm::sqrt(s.clamp(0.0, 1.0)))

@@ -1,4 +1,4 @@
-//! Two biquads in series behind the finite difference: four poles and four zeros.
+//! Two biquads in series, which follow the finite difference. Together they have four poles and four zeros.
 //!
 //! The output of the first section is a [`Velocity`], rounded with its own error feedback. So nothing is lost between
 //! the two sections at rest and at a constant speed. [`CascadeDesign`](super::CascadeDesign) has the equations.

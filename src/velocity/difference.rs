@@ -1,11 +1,11 @@
-//! Finite difference: the counts since the last sample.
+//! The finite difference. Its velocity is the number of counts since the last sample.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use super::{Form, Senses};
 use crate::units::Velocity;
 
-/// The counts since the last sample; it has no coefficients.
+/// The finite difference. It has no coefficients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Difference;
 

@@ -1,10 +1,10 @@
-//! Edge times from a timer that captures the encoder's edges.
+//! Finds the times of the encoder's edges, from a timer that captures them.
 //!
 //! First the encoder's counter is read, then the capturing timer's count, then its captures. Counter and timer see the
 //! same edges through the same filter, at the same time. This file makes an [`Edge`] from the three readings.
 //!
 //! **Which edge.** An edge may come between the readings. Then the count does not include this edge. An edge that is
-//! newer than the timer's reading does not belong to this sample. An edge that is hardly older ([`CLOSE`]) may not
+//! newer than the timer's reading does not belong to this sample. An edge that is older by less than [`CLOSE`] may not
 //! belong to it either. A and B alternate. So the channel of the last edge in the count follows from the direction, and
 //! from whether the count is odd. The code learns from every edge without doubt which channel belongs to which case.
 //! Before the first edge without doubt, the code assumes that a count that has moved includes the edge. An edge that is
@@ -32,7 +32,7 @@ use core::hint::cold_path;
 
 use super::senses::Edge;
 
-/// Largest age of an edge that may have come between the two readings, ticks.
+/// Up to this age, in ticks, an edge may have come between the two readings.
 pub const CLOSE: u32 = 32;
 
 /// Values of the capturing timer at a sample, in the order of their reading.
@@ -42,7 +42,7 @@ pub struct Captures {
     pub now: u16,
     /// Whether the encoder's count went up with its last edge.
     pub up: bool,
-    /// Count of the timer at the last edge of A and of B; `None` without an edge since the last sample.
+    /// Count of the timer at the last edge of A and of B. It is `None` if there was no edge since the last sample.
     pub at: [Option<u16>; 2],
 }
 
@@ -57,27 +57,28 @@ struct Captured {
 #[derive(Clone, Copy, Debug)]
 pub struct EdgeTimer<const TICKS: u32> {
     count: u32,
-    /// Ticks from a sample's beginning to its reading.
+    /// Ticks from the beginning of a sample to the reading of the timer.
     phase: Option<u32>,
     /// An edge that came after the last count was read.
     waiting: Option<Captured>,
-    /// Channel, oddness and direction of a count's last edge, combined. The combination is the same for all edges.
+    /// Channel and direction of a count's last edge, and whether the count is odd, combined into one bit. The bit is
+    /// the same for all edges, once it is learnt.
     turns: Option<bool>,
     latest: Option<Edge>,
 }
 
 impl<const TICKS: u32> EdgeTimer<TICKS> {
-    /// Ticks of as many whole samples as fit into 16 bits.
+    /// The count at which the timer wraps. It is the largest number of whole samples that fits into 16 bits, in ticks.
     pub const WRAP: u32 = (1 << 16) / TICKS * TICKS;
     const FITS: () = assert!(TICKS > 4 * CLOSE && Self::WRAP >= 3 * TICKS, "three samples");
 
-    /// A timer before the first sample.
+    /// Begins before the first sample.
     pub const fn new() -> Self {
         let () = Self::FITS;
         Self { count: 0, phase: None, waiting: None, turns: None, latest: None }
     }
 
-    /// The latest edge in `count`. Call it with every sample.
+    /// Returns the last edge that `count` includes. Call it with every sample.
     #[inline]
     pub fn update(&mut self, count: u32, captures: &Captures) -> Option<Edge> {
         let counts = count.wrapping_sub(self.count).cast_signed();
@@ -135,7 +136,7 @@ impl<const TICKS: u32> EdgeTimer<TICKS> {
         self.latest
     }
 
-    /// The captures, the newest first, each with its age at `now`. A capture after `now` has no age.
+    /// Returns the captures, the newest first, each with its age at `now`. A capture after `now` has no age.
     #[inline]
     fn in_order(&self, captures: &Captures) -> [Option<(Captured, Option<u32>)>; 2] {
         let [a, b] = captures.at.map(|at| at.map(|at| (at, since(Self::WRAP, at, captures.now))));
@@ -149,7 +150,7 @@ impl<const TICKS: u32> EdgeTimer<TICKS> {
         if age(a) <= age(b) { [a_side, b_side] } else { [b_side, a_side] }
     }
 
-    /// Ticks by which a reading at `now` is late. Negative: early.
+    /// Returns the number of ticks by which a reading at `now` is late. It is negative if the reading is early.
     #[inline]
     fn late(&mut self, now: u16) -> i32 {
         let now = u32::from(now) % TICKS;
@@ -172,21 +173,21 @@ impl<const TICKS: u32> Default for EdgeTimer<TICKS> {
     }
 }
 
-/// Ticks from `at` to `now`, for a timer that wraps.
+/// Returns the number of ticks from `at` to `now`, for a timer that wraps at `wrap`.
 #[inline]
 fn since(wrap: u32, at: u16, now: u16) -> u32 {
     let (at, now) = (u32::from(at), u32::from(now));
     if now >= at { now - at } else { (now + wrap).saturating_sub(at) }
 }
 
-/// Age in 2^-16 samples of an edge that was `ticks` old at a reading that was `late` ticks late.
+/// Converts an age to 2^-16 samples. The edge was `ticks` old at the reading, and the reading was late by `late` ticks.
 #[inline]
 fn age<const TICKS: u32>(ticks: u32, late: i32) -> u32 {
     let ticks = ticks.saturating_add_signed(-late).min(u16::MAX.into());
     (ticks << Edge::FRACTION_BITS) / TICKS
 }
 
-/// The same edge, a sample later.
+/// Returns the same edge as it is one sample later, so with a larger age.
 #[inline]
 fn older(edge: Edge) -> Edge {
     Edge { age: edge.age.saturating_add(Edge::SAMPLE), ..edge }
@@ -231,8 +232,8 @@ mod tests {
             }
         }
 
-        /// A sample at `tick`. The count is read first. The timer is read `gap` later, and the captures another `gap`
-        /// later.
+        /// Takes a sample at `tick`. The count is read first, the timer `gap` ticks later, and the captures another
+        /// `gap` ticks later.
         fn sample(&mut self, tick: u64, gap: u64) -> Option<Edge> {
             self.run_to(tick);
             let count = self.count.cast_unsigned();
@@ -266,7 +267,7 @@ mod tests {
         assert_eq!(bench.sample(9_000, 2), None, "the first sample says nothing");
         let edge = |age, up| Some(Edge { age, up });
         assert_eq!(bench.sample(18_001, 2), edge(age(8_002), true));
-        // the reading is 3 ticks late: without effect
+        // This reading is late by 3 ticks, which has no effect.
         assert_eq!(bench.sample(27_003, 2), edge(age(5), true));
         // 27_005 was read with the captures, but is not in this count
         assert_eq!(bench.sample(36_000, 2), edge(age(8_997), true));
@@ -301,7 +302,8 @@ mod tests {
         assert_eq!(bench.sample(72_001, 2).unwrap().age, age(3_002));
     }
 
-    /// A turn at a border between the readings. The last edge of the count is lost, and reported as lost.
+    /// The handle turns at an edge between the readings. The last edge of the count is then lost, and no edge is
+    /// reported.
     #[test]
     fn an_edge_that_was_overwritten_is_not_mistaken() {
         let edges = std::vec![(20_000, true), (30_000, true), (33_000, true), (36_004, false)];
@@ -314,8 +316,8 @@ mod tests {
         assert_eq!(bench.sample(45_000, 3), Some(Edge { age: age(8_998), up: false }));
     }
 
-    /// A turn at a border between the readings, but the direction is read after the turn. The edge must not be taken
-    /// for the edge before it.
+    /// The handle turns at an edge between the readings, and the direction is read after the turn. The new edge must
+    /// not be mistaken for the edge before it.
     #[test]
     fn a_turn_between_the_readings_is_noticed() {
         let edges = [10_000, 20_000, 27_500, 30_000, 33_000].map(|tick| (tick, true));
@@ -327,14 +329,15 @@ mod tests {
         assert_eq!(bench.sample(45_000, 3), Some(Edge { age: age(9_001), up: false }));
     }
 
-    /// Most ticks between two edges of a leg. The next line: most edges of a leg. Miri takes seconds for a thousand
+    /// The motion consists of legs in one direction. `SPACING_MAX` is the largest number of ticks between two edges,
+    /// and `LENGTH_MAX` the largest number of edges in a leg. Miri gets less, because it takes seconds for a thousand
     /// samples.
     const SPACING_MAX: u64 = if cfg!(miri) { 12_000 } else { 60_000 };
     const LENGTH_MAX: usize = if cfg!(miri) { 8 } else { 200 };
 
     proptest! {
-        /// For any motion that does not turn near a reading, the reported edge is the last edge of the count, exact to
-        /// the tick.
+        /// For any motion that does not turn near a reading, the reported edge is the last edge of the count. Its time
+        /// is exact to the tick.
         #[test]
         fn the_edge_is_the_last_one_in_the_count(
             legs in prop::collection::vec((8..SPACING_MAX, 1..LENGTH_MAX, any::<bool>()), 1..8),
@@ -345,7 +348,7 @@ mod tests {
             let mut tick = 27_000;
             let mut edges = std::vec![];
             for (spacing, length, up) in legs {
-                // no turn within a tenth of a sample
+                // The handle does not turn again within a tenth of a sample.
                 tick += 900;
                 for _ in 0..length {
                     tick += spacing.max(2 * gap + 1);
@@ -369,11 +372,11 @@ mod tests {
                     } else {
                         last.map(|(edge, up)| Edge { age: age(nominal.saturating_sub(edge)), up })
                     };
-                    // before the first edge without doubt, a reported edge may be wrong
+                    // Until one edge was certain, a reported edge may be wrong.
                     let clear = |&(edge, _): &(u64, bool)| edge + 64 < at || edge > at + 2 * gap;
                     let new = last.is_some_and(|(edge, _)| edge > before + 2 * gap);
                     learnt |= new && bench.edges.iter().all(clear);
-                    // a turn in a sample, and an edge between the readings
+                    // The handle turns within a sample, and an edge comes between the readings.
                     let mut seen = bench.edges.iter().filter(|&&(edge, _)| {
                         edge > before && edge <= at + 2 * gap
                     });

@@ -1,6 +1,6 @@
 //! A factor below 1 for numbers of 64 bits.
 
-/// A factor in 0 .. 1: `mantissa * 2^-(32 + shift)`, 2^31 <= mantissa < 2^32, for 64-bit values.
+/// A factor between 0 and 1, for values of 64 bits. It is `mantissa * 2^-(32 + shift)`, with 2^31 <= mantissa < 2^32.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Factor {
     mantissa: u32,
@@ -13,17 +13,17 @@ impl Factor {
         self.mantissa
     }
 
-    /// Bits beyond 32 by which a product with the mantissa is shifted right.
+    /// Number of bits by which a product with the mantissa is shifted right, in addition to 32.
     pub const fn shift(self) -> u8 {
         self.shift
     }
 
-    /// `value` times the factor, with `bits` more fractional bits (at most 31). The result is rounded down, and
-    /// saturates at 2^62.
+    /// Multiplies `value` by the factor. The result has `bits` more fractional bits than `value`, at most 31. It is
+    /// rounded down, and saturates at 2^62.
     #[inline]
     pub(super) fn apply(self, value: i64, bits: u8) -> i64 {
         let mantissa = i64::from(self.mantissa);
-        // 96 bits: high * 2^32 + (the low half of low).
+        // The product has 96 bits. It is high * 2^32 + (the low half of low).
         #[expect(clippy::cast_sign_loss, reason = "its low half")]
         let low = (value as u64 & 0xFFFF_FFFF) * u64::from(self.mantissa);
         #[expect(clippy::cast_possible_wrap, reason = "below 2^32")]
@@ -40,7 +40,7 @@ impl Factor {
         (high.clamp(-limit, limit - 1) << left) + rest
     }
 
-    /// The nearest factor to a value in 2^-32 .. 1.
+    /// Returns the factor nearest to a value between 2^-32 and 1.
     pub(super) fn of(value: f64) -> Self {
         // value = fraction * 2^exponent, 0.5 <= fraction < 1, exponent <= 0
         let (fraction, exponent) = libm::frexp(value);

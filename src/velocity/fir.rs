@@ -69,7 +69,8 @@ mod tests {
     use super::*;
     use crate::velocity::FirDesign;
 
-    /// The sum is linear. At its ends every difference is at an end of its range, by the sign of its weight.
+    /// The sum is linear, so it is largest when every difference is at that end of its range that suits the sign of its
+    /// weight.
     #[test]
     fn no_sum_overflows_at_its_ends() {
         let fits = (1..=2).flat_map(|degree| {

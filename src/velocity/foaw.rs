@@ -33,9 +33,9 @@ use crate::{
     units::Velocity,
 };
 
-/// Steps of the noise per count: the noise is rounded to 1/16 count.
+/// The noise is stored in steps of 1/16 count.
 const NOISE_STEPS: i32 = 16;
-/// A bound that no slope reaches, in steps of the noise. Its product with the longest window fits 32 bits.
+/// A bound that no slope reaches, in steps of the noise. Its product with the longest window fits into 32 bits.
 const FREE: i32 = 1 << 25;
 
 /// Parameters of the estimator. Made by [`new`](Self::new).
@@ -47,7 +47,8 @@ pub struct Foaw {
     noise: i32,
 }
 
-/// A bound of the slope, in steps of the noise: a fraction with a denominator of 1 to 32.
+/// A bound of the slope. It is the fraction `number / over`, in steps of the noise per sample. The denominator is 1 to
+/// 32.
 #[derive(Clone, Copy)]
 struct Bound {
     number: i32,
@@ -63,9 +64,9 @@ impl Bound {
 }
 
 impl Foaw {
-    /// Longest accepted window, samples.
+    /// Longest accepted window, in samples.
     pub const WINDOW_MAX: u32 = 32;
-    /// Largest accepted noise, counts.
+    /// Largest accepted noise, in counts.
     pub const NOISE_MAX: f64 = 1000.0;
 
     /// Steps of the noise per count.
@@ -73,7 +74,7 @@ impl Foaw {
     /// A bound that no slope reaches, in steps of the noise.
     pub const FREE: i32 = FREE;
 
-    /// Length of the longest window, samples.
+    /// Length of the longest window, in samples.
     pub const fn window_samples(&self) -> u8 {
         self.window
     }
@@ -83,7 +84,8 @@ impl Foaw {
         self.noise
     }
 
-    /// The estimator with this longest window (1 to 32 samples) and noise (0 to 1000 counts, rounded to 1/16).
+    /// Makes the estimator with this longest window and this noise. The window has 1 to 32 samples. The noise is 0 to
+    /// 1000 counts, rounded to 1/16.
     ///
     /// # Errors
     /// Names the parameter and its range.
@@ -98,15 +100,15 @@ impl Foaw {
         Ok(Self { best, window, noise })
     }
 
-    /// The slope over the longest window that fits, as a fraction. The function is compiled in two forms, because the
-    /// loop of the end fit needs no sums and only 32 bits.
+    /// Returns the slope over the longest window that fits, as numerator and denominator. The function is compiled in
+    /// two forms, because the loop of the end fit needs no sums and only 32 bits.
     #[inline(always)] // in a call the fraction would go through memory
     fn slope<const BEST: bool>(&self, history: &History) -> (i32, NonZeroU32) {
         let mut low = Bound { number: -FREE, over: 1 };
         let mut high = Bound { number: FREE, over: 1 };
         let mut longest = (0, 1);
         let (mut s, mut sum, mut moment) = (0, 0, 0);
-        // 1 + .. + i, and the sum of these numbers: i (i+1) (i+2) / 6
+        // `triangle` is 1 + .. + i. `pyramid` is the sum of these numbers, i (i+1) (i+2) / 6.
         let (mut triangle, mut pyramid) = (0, 0);
         for age in 0..self.window {
             let i = i32::from(age) + 1;
@@ -164,7 +166,7 @@ impl Form for Foaw {
         History::take_last(self.window, rest)
     }
 
-    /// The slope, rounded to the nearest LSB.
+    /// Takes a difference, and returns the slope, rounded to the nearest LSB.
     #[inline]
     fn step(&self, history: &mut History, difference: i32, _: &Senses) -> Velocity {
         history.push(difference);
@@ -174,7 +176,7 @@ impl Form for Foaw {
     }
 }
 
-/// `number / over` as a velocity, rounded to nearest, halves away from zero. `over` must be below 2^13.
+/// Returns `number / over` as a velocity, rounded to nearest. Halves round away from zero. `over` must be below 2^13.
 #[inline]
 fn quotient(number: i32, over: NonZeroU32) -> Velocity {
     let magnitude = number.unsigned_abs();
@@ -195,7 +197,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The search as published, in integers: every window checks all its samples.
+    /// The search as it was published, in integers. For every window it checks all samples.
     fn literal(foaw: &Foaw, history: &History) -> Velocity {
         let mut s = std::vec![0i64];
         for age in 0..foaw.window {

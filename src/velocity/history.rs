@@ -18,7 +18,7 @@ pub(super) type History = Ring<LENGTH>;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ring<const LENGTH: usize> {
     differences: [i16; LENGTH],
-    /// Sum of all differences in `differences`, to find a flipped bit.
+    /// Sum of all values in `differences`. A comparison with it finds a flipped bit.
     sum: u32,
     /// Index of the newest difference, modulo `LENGTH`.
     newest: u8,
@@ -55,7 +55,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
         }
     }
 
-    /// A ring with the differences that [`put_last`](Self::put_last) has written.
+    /// Reads the differences that [`put_last`](Self::put_last) has written into a new ring.
     pub(super) fn take_last(window: u8, rest: &mut &[u8]) -> Option<Self> {
         let mut ring = Self::REST;
         for _ in 0..window {
@@ -64,8 +64,8 @@ impl<const LENGTH: usize> Ring<LENGTH> {
         Some(ring)
     }
 
-    /// The ring after many samples at this velocity: the sum of its differences differs from the motion at this
-    /// velocity by at most a count.
+    /// Makes the ring as it is after many samples at this velocity. The sum of its differences differs from the motion
+    /// at this velocity by at most a count.
     pub(super) fn at(velocity: Velocity) -> Self {
         const FRACTION: i32 = (1 << Velocity::FRACTION_BITS) - 1;
         let bits = velocity.bits();
@@ -79,7 +79,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
             rest &= FRACTION;
             *place = difference;
         }
-        // Each difference takes the remainder of all earlier differences.
+        // Each difference includes what the rounding of the earlier ones has left over.
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_possible_wrap,

@@ -3,7 +3,7 @@
 //! rounding is modelled as white noise of `resolution / sqrt(12)` RMS (Belanger 1992; Belanger, Dobrovolny, Helmy,
 //! Zhang 1998).
 //!
-//! In counts and samples, with `r` the count less the predicted position:
+//! The equations are in counts and samples. `r` is the count minus the predicted position:
 //!
 //! ```text
 //! predict: x += v + a/2,  v += a
@@ -21,8 +21,8 @@
 //! three states: 2 u^3 = L (1 - u) (2 - u),    L = jerk T^3 / (resolution / sqrt(12))
 //! ```
 //!
-//! Each sample only needs products with the gains. Delay at low frequency: `alpha / beta - 1/2` samples with two
-//! states, 0 with three states.
+//! A sample only needs products with the gains. At low frequencies the delay is `alpha / beta - 1/2` samples with two
+//! states, and 0 with three states.
 //!
 //! **Fixed point.** The position is stored as its distance from the count, so that nothing wraps. At a constant speed
 //! `r` stays zero, for any rounding of the gains. The part that rounding drops from one output is added to the next
@@ -37,23 +37,24 @@ use crate::{
     units::Velocity,
 };
 
-/// Gains as real numbers.
+/// Gains of the filter in floating point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KalmanDesign {
     /// Gain of the position, without a unit.
     pub alpha: f64,
     /// Gain of the velocity, per sample.
     pub beta: f64,
-    /// Gain of the acceleration, per sample^2; 0 with two states.
+    /// Gain of the acceleration, per sample^2. It is 0 with two states.
     pub gamma: f64,
 }
 
-/// Smallest and largest accepted `u`: from some 2 Hz at 10 kHz to almost the finite difference.
+/// The smallest and the largest accepted `u`. At 10 kHz the smallest gives a bandwidth of some 2 Hz. The largest is
+/// almost the finite difference.
 const U: [f64; 2] = [1e-3, 0.95];
 
 #[expect(clippy::float_arithmetic, reason = "design time: settings to coefficients")]
 impl KalmanDesign {
-    /// Two states, with this RMS acceleration, m/s^2.
+    /// Designs the filter with two states, for motion noise with this RMS acceleration, in m/s^2.
     ///
     /// # Errors
     /// Names the parameter and its range, which follows from rate and resolution.
@@ -64,12 +65,12 @@ impl KalmanDesign {
         Ok(Self { gamma: 0.0, ..Self::of(2.0 * l / (l + libm::sqrt(l * l + 8.0 * l))) })
     }
 
-    /// Three states, with this RMS jerk, m/s^3.
+    /// Designs the filter with three states, for motion noise with this RMS jerk, in m/s^3.
     ///
     /// # Errors
     /// Names the parameter and its range, which follows from rate and resolution.
     pub fn three_states(jerk: f64, design: &Design) -> Result<Self, SettingsError> {
-        /// Halvings of the interval, as many as the bits of an `f64`.
+        /// Number of times that the interval is halved. It equals the number of bits of an `f64`.
         const STEPS: u32 = 53;
         let unit = noise_m(design) * design.rate_hz * design.rate_hz * design.rate_hz;
         let [low, high] = U.map(|u| 2.0 * u * u * u / ((1.0 - u) * (2.0 - u)) * unit);
@@ -87,15 +88,15 @@ impl KalmanDesign {
         Self { alpha, beta, gamma: beta * beta / (2.0 * alpha) }
     }
 
-    /// The gains in integers, each with a relative error of at most 2^-31.
+    /// Converts the gains to integers, each with a relative error of at most 2^-31.
     pub fn quantise(&self) -> Kalman {
-        // 2^-32 and more by the limits of u
+        // By the limits of u, each gain is at least 2^-32, so it can be represented.
         let gain = |value| Gain::from_f64(value).unwrap_or_default();
         Kalman { alpha: gain(self.alpha), beta: gain(self.beta), gamma: gain(self.gamma * GAMMA) }
     }
 }
 
-/// Measurement noise, m RMS.
+/// RMS of the measurement noise, in m.
 #[expect(clippy::float_arithmetic, reason = "design time: settings to coefficients")]
 fn noise_m(design: &Design) -> f64 {
     design.resolution_m / libm::sqrt(12.0)
@@ -110,9 +111,9 @@ const ACCELERATION_BITS: u32 = 12;
 const GAMMA: f64 = (1u32 << ACCELERATION_BITS) as f64;
 /// Largest distance from the count. With the smallest gains, the distance after a stop from full speed is smaller.
 const DISTANCE_MAX: i64 = 1 << (28 + FRACTION_BITS);
-/// Largest velocity of the state: twice the largest output, for its overshoot.
+/// Largest velocity of the state. It is twice the largest output, because the state may overshoot.
 const VELOCITY_MAX: i64 = 1 << (16 + FRACTION_BITS);
-/// Largest acceleration of the state: the largest gain after a reversal at full speed.
+/// Largest acceleration of the state. It covers the largest gain after a reversal at full speed.
 const ACCELERATION_MAX: i64 = 1 << (18 + FRACTION_BITS + ACCELERATION_BITS);
 
 /// Gains in integers. Made by [`KalmanDesign::quantise`].
@@ -129,11 +130,11 @@ pub struct Kalman<G = Gain> {
 /// Estimates after the last sample.
 #[derive(Clone, Copy, Debug)]
 pub struct KalmanState<W: Word = i64> {
-    /// Position less the count, LSB of 2^-32 counts.
+    /// Position minus the count, in LSB of 2^-32 counts.
     pub distance: W,
-    /// Velocity, 2^-32 counts per sample.
+    /// Velocity, in 2^-32 counts per sample.
     pub velocity: W,
-    /// Acceleration, 2^-44 counts per sample^2.
+    /// Acceleration, in 2^-44 counts per sample^2.
     pub acceleration: W,
     /// The part that was dropped when the last output was rounded.
     pub residue: W::Fraction,
@@ -148,7 +149,7 @@ impl Kalman {
 }
 
 impl<G: Copy> Kalman<G> {
-    /// Takes a move by `moved` counts. Returns the velocity, LSB.
+    /// Takes a motion of `moved` counts. Returns the velocity in LSB of [`Velocity`].
     #[inline(always)] // into the code that is compiled for vector instructions
     pub fn update<W: Word<Gain = G>>(&self, state: &mut KalmanState<W>, moved: W) -> W {
         let speed_up = state.acceleration.rounded(ACCELERATION_BITS);
@@ -159,7 +160,7 @@ impl<G: Copy> Kalman<G> {
             (state.velocity + speed_up - predicted.times(self.beta)).clamped(VELOCITY_MAX);
         state.acceleration =
             (state.acceleration - predicted.times(self.gamma)).clamped(ACCELERATION_MAX);
-        // with the part that was dropped before
+        // The part that was dropped from the last output is added.
         let (nearest, residue) = state.velocity.plus(state.residue).split();
         state.residue = residue;
         nearest.clamped(Velocity::LIMIT_BITS.into())
@@ -195,7 +196,7 @@ mod tests {
         output: Output::Continuous,
     };
 
-    /// Steady gains from the Riccati recursion, in counts and samples.
+    /// Computes the steady gains with the Riccati recursion, in counts and samples.
     fn riccati(gain: [f64; 3], ratio: f64, order: usize) -> [f64; 3] {
         let step = [[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]];
         let mut p = [[0.0; 3]; 3];

@@ -1,8 +1,8 @@
 //! The memory of an estimator, as bytes and as a sum. A reader of telemetry continues from the bytes. `render` checks
 //! the sum.
 //!
-//! The bytes are in the order least significant first, without padding. They contain only values on which a later
-//! velocity depends. So two states with the same bytes give the same velocities for the same counts.
+//! The least significant byte comes first. There is no padding. They contain only values on which a later velocity
+//! depends. So two states with the same bytes give the same velocities for the same counts.
 //!
 //! The sum is the sum of the words, modulo 2^32. The estimator adds and subtracts its own changes to a stored sum.
 //! After a flipped bit the sum of the words differs from the stored sum.
@@ -27,7 +27,7 @@ impl<'a> Bytes<'a> {
         self.used += N;
     }
 
-    /// Number of bytes, if there was room for all.
+    /// Returns the number of bytes, or `None` if there was not room for all.
     pub(super) fn used(&self) -> Option<usize> {
         (self.used <= self.place.len()).then_some(self.used)
     }
@@ -37,10 +37,10 @@ impl<'a> Bytes<'a> {
 pub(super) trait Kept: Sized {
     fn put(&self, bytes: &mut Bytes<'_>);
 
-    /// The value in the first bytes of `rest`. Moves `rest` behind them.
+    /// Reads the value from the first bytes of `rest`, and moves `rest` behind them.
     fn take(rest: &mut &[u8]) -> Option<Self>;
 
-    /// Sum of the value's words modulo 2^32, in a few cycles.
+    /// Returns the sum of the value's words, modulo 2^32. This takes only a few cycles.
     fn sum(&self) -> u32;
 
     /// Whether the part that the sum does not cover is unchanged.
@@ -84,7 +84,7 @@ integers! {
     };
 }
 
-/// For a struct whose fields are all part of the memory.
+/// Implements [`Kept`] for a struct whose fields are all part of the memory.
 macro_rules! kept {
     ($name:ident { $($field:ident),* }) => {
         impl $crate::velocity::kept::Kept for $name {

@@ -48,18 +48,19 @@ use crate::{
 /// Magnitudes of the two terms in counts and samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LevantDesign {
-    /// Magnitude of the sign term, counts per sample^2.
+    /// Magnitude of the sign term, in counts per sample^2.
     pub alpha: f64,
-    /// Factor of the root term, sqrt(counts) per sample.
+    /// Factor of the root term, in sqrt(counts) per sample.
     pub lambda: f64,
 }
 
-/// Smallest and largest accepted C, counts per sample^2.
+/// Smallest and largest accepted C, in counts per sample^2.
 const C: [f64; 2] = [1e-6, 1e4];
 
 #[expect(clippy::float_arithmetic, reason = "design time: settings to coefficients")]
 impl LevantDesign {
-    /// The design for a largest acceleration, m/s^2, and for `lambda / sqrt(C)`, 0.5 to 3.
+    /// Designs the differentiator for a largest acceleration, in m/s^2. `lambda_ratio` is `lambda / sqrt(C)`, from 0.5
+    /// to 3.
     ///
     /// # Errors
     /// Names the parameter and its range. The acceleration's range follows from rate and resolution.
@@ -75,7 +76,7 @@ impl LevantDesign {
         Ok(Self { alpha: 1.1 * c, lambda: ratio * libm::sqrt(c) })
     }
 
-    /// The design in integers.
+    /// Converts the design to integers.
     pub fn quantise(&self, implicit: bool) -> Levant {
         let one = libm::scalbn(1.0, FRACTION_BITS.cast_signed());
         #[expect(clippy::cast_possible_truncation, reason = "below 2^14 by the range of C")]
@@ -91,9 +92,9 @@ impl LevantDesign {
 }
 
 const FRACTION_BITS: u32 = 32;
-/// Largest distance from the count, LSB of 2^-32 counts.
+/// Largest distance from the count, in LSB of 2^-32 counts.
 const DISTANCE_MAX: i64 = 1 << (24 + FRACTION_BITS);
-/// Largest velocity of the state: twice the largest velocity of the output.
+/// Largest velocity of the state. It is twice the largest velocity of the output.
 const VELOCITY_MAX: i64 = 1 << (16 + FRACTION_BITS);
 
 /// Magnitudes of the two terms in integers. Made by [`LevantDesign::quantise`].
@@ -111,7 +112,7 @@ pub struct Levant {
 /// Position and velocity after the last sample.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LevantState {
-    /// Position at the next sample, less the last count.
+    /// Predicted position at the next sample, minus the last count.
     ahead: i64,
     velocity: i64,
 }
@@ -136,12 +137,12 @@ impl Form for Levant {
 }
 
 impl Levant {
-    /// Factor of the root term, sqrt(counts) per sample.
+    /// Factor of the root term, in sqrt(counts) per sample.
     pub const fn lambda(&self) -> Gain {
         self.lambda
     }
 
-    /// alpha, half of lambda, and its square, with 32 fractional bits.
+    /// Returns alpha, half of lambda, and the square of this half. All have 32 fractional bits.
     pub const fn sizes(&self) -> [i64; 3] {
         [self.alpha, self.half, self.square]
     }
@@ -185,8 +186,8 @@ fn velocity(bits: i64) -> Velocity {
     Velocity::saturating_from_bits(nearest as i32)
 }
 
-/// Square root. Operand and result have 32 fractional bits; 31 bits of the result are exact. `square` must be below
-/// 2^60.
+/// Computes a square root. Operand and result have 32 fractional bits. 31 bits of the result are exact. `square` must
+/// be below 2^60.
 ///
 /// The integer root of `square * 2^(2 n)` is the root times `2^n`. `n` is chosen so that the operand uses its full 64
 /// bits.
@@ -241,12 +242,13 @@ mod tests {
             difference in -32_767i32..=32_767,
             at_count in any::<bool>(),
         ) {
-            /// The error of 31 bits of the largest root, times the largest lambda of this test.
+            /// Largest allowed error. The root has 31 exact bits, and its error is multiplied by the largest lambda of
+            /// this test.
             const ERROR_MAX: f64 = 1e-5;
             let acceleration = 20.0 * 10f64.powf(acceleration);
             let design = LevantDesign::new(acceleration, 1.0, &DESIGN).unwrap();
             let bits = |value: f64| (value / LSB).round() as i64;
-            // often near the count, where the forms differ
+            // The state is often near the count, because there the two forms differ.
             let b = if at_count { 0.0 } else { ahead * 10f64.powf(nearer) };
             let mut state = LevantState {
                 ahead: bits(b) + (i64::from(difference) << FRACTION_BITS),

@@ -1,4 +1,4 @@
-//! Position to [`Velocity`]: the second stage, run for every sample.
+//! Estimates the [`Velocity`] from the positions. This is the second stage of the loop, and it runs for every sample.
 //!
 //! An [`Estimator`] has integer coefficients, from the settings of a person. A [`State`] has the values that follow
 //! from the past samples, and the number of the estimator. An estimator never continues from the state of another
@@ -67,22 +67,22 @@ use crate::units::{Position, Velocity};
 use kept::{Bytes, Kept};
 use table::{Kind, Memory};
 
-/// An estimator's integer form, which runs for every sample.
+/// The integer form of an estimator. It runs for every sample.
 trait Form {
     /// Values that follow from the past samples.
     type State: Copy + core::fmt::Debug + Kept;
 
     const REST: Self::State;
 
-    /// The state after many samples at this velocity. If this form replaces another form, it starts with this state.
+    /// Returns the state after many samples at this velocity. A form that replaces another form starts with this state.
     fn at(&self, velocity: Velocity) -> Self::State;
 
-    /// The velocity after a move by `difference` counts, in counts per sample.
+    /// Returns the velocity after a motion of `difference` counts in one sample.
     fn step(&self, state: &mut Self::State, difference: i32, senses: &Senses) -> Velocity;
 
-    /// [`step`](Self::step) with a seal, which is the expected sum of the state. The form adds each new value to the
-    /// seal, and subtracts each old value. If a bit of the state flips between two steps, the seal differs from the
-    /// state's sum from then on.
+    /// Does a [`step`](Self::step), and keeps a seal, which is the expected sum of the state's words. The form adds
+    /// each new value to the seal, and subtracts each old value. If a bit of the state flips between two steps, the
+    /// seal differs from the state's sum from then on.
     #[inline(always)]
     fn sealed(
         &self,
@@ -101,13 +101,14 @@ trait Form {
         state.put(bytes);
     }
 
-    /// The state in the first bytes of `rest`. Moves `rest` behind them. `None` if there are too few bytes.
+    /// Reads the state from the first bytes of `rest`, and moves `rest` behind them. Returns `None` if there are too
+    /// few bytes.
     fn take(&self, rest: &mut &[u8]) -> Option<Self::State> {
         Self::State::take(rest)
     }
 }
 
-/// [`Form::sealed`], not inlined, so that the state of the usual estimator stays in registers.
+/// Calls [`Form::sealed`], but is not inlined, so that the state of the usual estimator stays in registers.
 #[cfg(feature = "time-stamps")]
 #[inline(never)]
 fn called<F: Form>(
@@ -119,7 +120,7 @@ fn called<F: Form>(
     form.sealed(sealed_state, difference, senses)
 }
 
-/// [`Form::sealed`] for several samples. `senses` is empty if there are none.
+/// Runs [`Form::sealed`] for several samples. `senses` is empty if the board has none.
 #[inline]
 fn steps<F: Form>(
     form: &F,
@@ -128,7 +129,7 @@ fn steps<F: Form>(
     senses: &[Senses],
     velocities: &mut [Velocity],
 ) {
-    /// Bytes of a few words, so that a copy of them can be in registers.
+    /// A state of at most this many bytes is copied, because its copy can stay in registers.
     const FEW: usize = 64;
     let mut each = |state: &mut F::State| {
         let step = |state: &mut F::State, place: usize, moved: i32| {
@@ -136,7 +137,8 @@ fn steps<F: Form>(
         };
         let (pairs, rest) = velocities.as_chunks_mut::<2>();
         let (counter_pairs, _) = counters.as_chunks::<2>();
-        // two samples at a time, so that the first sample leaves its values where the second sample needs them
+        // Two samples are computed at a time. The first then leaves its values in the registers where the second needs
+        // them.
         for (pair, ([one, two], counters)) in pairs.iter_mut().zip(counter_pairs).enumerate() {
             *one = step(state, 2 * pair, moved(counters[0]));
             *two = step(state, 2 * pair + 1, moved(counters[1]));
@@ -158,7 +160,7 @@ fn steps<F: Form>(
 }
 
 impl Estimator {
-    /// The velocity at this sample, in counts per sample.
+    /// Returns the velocity at this sample, in counts per sample.
     ///
     /// The usual estimators are inlined, all other estimators are called. So the state of a usual estimator stays in
     /// registers.
@@ -201,7 +203,8 @@ impl Estimator {
     #[cold]
     #[inline(never)]
     fn take_over(&self, tuning: Tuning, running: &mut Running) {
-        // If the seal is right for this tuning, the estimator was not changed. Instead a bit of its number has flipped.
+        // If the seal is right for this tuning, the estimator has not changed. The numbers differ because a bit of the
+        // stored number has flipped.
         let same = running.memory.sum(self).wrapping_add(tuning.0.into()) == running.seal;
         running.tuning = tuning;
         if !same {
@@ -211,8 +214,8 @@ impl Estimator {
     }
 }
 
-/// A number that changes with each tuning and each change of the form. So one comparison finds a change of the tuning
-/// or of the form.
+/// A number that changes whenever the tuning or the form of the estimator changes. So a single comparison shows such a
+/// change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Tuning(u16);
 
@@ -227,8 +230,8 @@ impl Tuning {
     }
 }
 
-/// An [`Estimator`] in force. The estimator starts anew with its first sample if estimator or tuning has changed, see
-/// [`after`](Self::after).
+/// An [`Estimator`] with the number of its tuning. If estimator or tuning has changed, it starts anew with its first
+/// sample. See [`after`](Self::after).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tuned {
     tuning: Tuning,
@@ -236,12 +239,12 @@ pub struct Tuned {
 }
 
 impl Tuned {
-    /// The first estimator after a reset.
+    /// Makes the first estimator after a reset.
     pub const fn first(estimator: Estimator) -> Self {
         Self { tuning: Tuning::first(&estimator), estimator }
     }
 
-    /// The same estimator, in force after `running`. With the same tuning it continues, else it starts anew.
+    /// Makes this estimator the successor of `running`. With the same tuning it continues, otherwise it starts anew.
     #[must_use]
     pub fn after(self, running: &Self) -> Self {
         let tuning = if self.estimator == running.estimator {
@@ -257,13 +260,13 @@ impl Tuned {
         self.tuning.0
     }
 
-    /// As [`Estimator::update`], for this tuning.
+    /// Like [`Estimator::update`], for this tuning.
     #[inline(always)] // as that
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
         self.estimator.update_as(self.tuning, state, position, senses)
     }
 
-    /// The velocity at this sample, for a caller that knows the counts by which the handle has moved.
+    /// Returns the velocity at this sample, for a caller that knows the counts by which the handle has moved.
     #[inline(always)] // as that
     pub(crate) fn follow(
         &self,
@@ -274,8 +277,8 @@ impl Tuned {
         self.estimator.follow_as(self.tuning, running, difference, senses)
     }
 
-    /// [`follow`](Self::follow) for several samples, one for each velocity. `moved` gives the counts of each reading.
-    /// Returns the last velocity.
+    /// Does [`follow`](Self::follow) for several samples, and writes a velocity for each. `moved` returns the counts of
+    /// a reading. Returns the last velocity.
     #[inline]
     pub(crate) fn follow_all(
         &self,
@@ -308,7 +311,7 @@ pub(crate) struct Running {
     tuning: Tuning,
     velocity: Velocity,
     memory: Memory,
-    /// Expected sum of tuning and memory.
+    /// The sum that the number of the tuning and the words of the memory must have.
     seal: u32,
 }
 
@@ -337,7 +340,7 @@ impl Running {
     }
 }
 
-/// State of an estimator after the samples so far.
+/// State of an estimator after the last sample.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
     previous: Position,
@@ -345,7 +348,7 @@ pub struct State {
 }
 
 impl State {
-    /// A handle at rest at `position`. This position is taken as the sample before the first sample.
+    /// Begins with a handle at rest at `position`. This counts as the position of the sample before the first one.
     pub fn at_rest(position: Position) -> Self {
         Self::behind(position, Running::REST)
     }
@@ -365,15 +368,15 @@ impl State {
         (self.previous, self.running.velocity)
     }
 
-    /// Writes the memory of `estimator` as bytes. Returns their number, or `None` without room.
+    /// Writes the memory of `estimator` as bytes. Returns their number, or `None` if there is no room.
     pub fn put(&self, estimator: &Estimator, place: &mut [u8]) -> Option<usize> {
         let mut bytes = Bytes::new(place);
         self.running.memory.put(estimator, &mut bytes);
         bytes.used()
     }
 
-    /// The state of `estimator` after a sample with this position and velocity, from the bytes of [`put`](Self::put).
-    /// `None` if the bytes are not the estimator's, or are too few.
+    /// Restores the state of `estimator` after a sample with this position and velocity, from the bytes of
+    /// [`put`](Self::put). Returns `None` if the bytes are too few or belong to another estimator.
     pub fn of(
         estimator: &Tuned,
         (previous, velocity): (Position, Velocity),
@@ -386,7 +389,7 @@ impl State {
         rest.is_empty().then_some(Self { previous, running })
     }
 
-    /// Makes the next estimator start from the velocity.
+    /// Makes the estimator start anew at the next sample, from the last velocity.
     pub fn restart(&mut self) {
         self.running.tuning = Tuning(u16::MAX); // no form has this number
         self.running.seal = self.running.seal.wrapping_add(1 << 31); // nor does it fit what is remembered
@@ -399,7 +402,7 @@ impl State {
         self.restart();
     }
 
-    /// From now on the place of the handle at the last sample is called `position`. The velocity stays.
+    /// Gives the handle's place at the last sample the new position `position`. The velocity stays.
     pub fn rebase(&mut self, position: Position) {
         self.previous = position;
     }
@@ -410,9 +413,9 @@ mod tests {
     use super::*;
     use crate::design::tests::DESIGN;
 
-    /// Largest error of an estimator at a constant speed of whole counts, LSB.
+    /// Returns the largest error of an estimator at a constant speed of whole counts, in LSB.
     fn chattering(name: EstimatorName) -> i32 {
-        // twice its largest acceleration; at C = 20 m/s^2 this is 0.2 counts per sample^2
+        // The error is twice the largest acceleration, which is 0.2 counts per sample^2 at C = 20 m/s^2.
         if name.text() == "levant-explicit" { 2 * (65_536 / 5) } else { 0 }
     }
 
@@ -505,7 +508,8 @@ mod tests {
                 let memory = Memory::take(&tuned, &mut &bytes[..length]).unwrap();
                 bytes[bit / 8] ^= 1 << (bit % 8);
                 let mut broken = Running { memory, ..running };
-                // Without overflow checks, as on a board, every bit could run for ten samples.
+                // Only some bits run for ten samples. With the others the test's overflow checks would fail, which a
+                // board does not have.
                 let samples = if bit % 64 < 24 { 10 } else { 1 };
                 for n in 300..300 + samples {
                     assert!(!broken.is_whole(&tuned), "{name:?}, bit {bit}, sample {n}");
@@ -514,8 +518,8 @@ mod tests {
                     }
                 }
             }
-            // After a flipped bit in the number of the tuning, another tuning seems to have run. The estimator
-            // continues nevertheless.
+            // With a flipped bit in the number of the tuning, it looks as if another tuning had run. The estimator must
+            // continue all the same.
             for bit in 0..16 {
                 let tuning = Tuning(running.tuning.0 ^ 1 << bit);
                 let mut broken = Running { tuning, ..running };

@@ -1,4 +1,5 @@
-//! Functions for every row of the [table](super::table): names, and parameters by their index.
+//! Functions for all rows of the [table](super::table). They find estimators by name or number, and parameters by
+//! index.
 
 use core::{fmt, str::FromStr};
 
@@ -68,13 +69,13 @@ impl EstimatorName {
         RETIRED.iter().find(named).map(|(.., other)| *other)
     }
 
-    /// A sense that this estimator needs and that is not in `senses`.
+    /// Returns the sense that this estimator needs, if `senses` does not contain it.
     pub fn missing(self, senses: &[Sense]) -> Option<Sense> {
         self.sense().filter(|needed| !senses.contains(needed))
     }
 
-    /// Settings of this estimator when it replaces `before`: the cutoff stays, all other parameters are at their
-    /// defaults.
+    /// Returns the settings of this estimator when it replaces `before`. The cutoff stays. All other parameters get
+    /// their defaults.
     pub fn following(self, before: &VelocitySettings) -> VelocitySettings {
         let settings = self.defaults();
         match (before.tuning(), settings.tuning()) {
@@ -100,12 +101,13 @@ impl VelocitySettings {
         self.parameter(0)
     }
 
-    /// The frequency that tunes the estimator, Hz: cutoff, bandwidth or crossover.
+    /// The frequency that tunes the estimator, in Hz. It is a cutoff, a bandwidth or a crossover.
     pub fn cutoff_hz(&self) -> Option<f64> {
         self.tuning().filter(|(parameter, _)| parameter.is_frequency()).map(|(_, hz)| hz)
     }
 
-    /// -3 dB frequency of the low-pass with this nominal cutoff, Hz. For other filters the cutoff itself.
+    /// The real -3 dB frequency, in Hz, of a low-pass with this nominal cutoff. For other filters it is the cutoff
+    /// itself.
     pub fn true_cutoff_hz(&self, rate_hz: f64) -> Option<f64> {
         match *self {
             Self::Butterworth { cutoff_hz } | Self::FirstOrder { cutoff_hz } => {
@@ -122,7 +124,7 @@ impl VelocitySettings {
         Some((parameter, *numbers.get(place)?))
     }
 
-    /// The same estimator, with the value `number` of the parameter with the index `place`.
+    /// Returns the same estimator, with the value `number` for the parameter with the index `place`.
     #[must_use]
     pub fn with_parameter(&self, place: usize, number: f64) -> Self {
         let (name, mut numbers) = EstimatorName::of(self);
@@ -143,7 +145,7 @@ impl VelocitySettings {
         self.with_parameter(1, second)
     }
 
-    /// Whether every parameter but the tuning is at its default.
+    /// Whether all parameters except the first, the tuning, have their defaults.
     pub fn differs_by_tuning_only(&self) -> bool {
         let mut further = (1..PARAMETERS).filter_map(|place| self.parameter(place));
         further.all(|(parameter, value)| value == parameter.default)

@@ -1,5 +1,5 @@
-//! Observer of position, velocity and disturbance. A part of the acceleration is known, from the commanded force
-//! (extended-state observer) or from an accelerometer (fusion).
+//! An observer of position, velocity and disturbance. A part of the acceleration is known. It comes from the commanded
+//! force (extended-state observer), or from an accelerometer (fusion).
 //!
 //! ```text
 //! a  = u + d^                              u: the part that is known, counts per sample^2
@@ -42,14 +42,14 @@ use crate::{
     units::{Acceleration, Velocity},
 };
 
-/// Fractional bits of `x - x^`, of e and of a known acceleration.
+/// Number of fractional bits of `x - x^`, of e and of a known acceleration.
 pub(super) const POSITION_BITS: u32 = 32;
 const VELOCITY_BITS: u32 = 44;
 const DISTURBANCE_BITS: u32 = 48;
-/// Largest magnitude of `x - x^`: 2^22 counts.
+/// Largest magnitude of `x - x^`. It is 2^22 counts.
 const ERROR_LIMIT: i64 = 1 << (POSITION_BITS + 22);
 const VELOCITY_LIMIT: i64 = (Velocity::LIMIT as i64) << VELOCITY_BITS;
-/// Largest disturbance: 2^14 counts per sample^2.
+/// Largest magnitude of the disturbance. It is 2^14 counts per sample^2.
 const DISTURBANCE_LIMIT: i64 = 1 << (DISTURBANCE_BITS + 14);
 
 /// An observer in integer form that knows the force. Made by [`ObserverDesign`](super::ObserverDesign).
@@ -57,12 +57,13 @@ const DISTURBANCE_LIMIT: i64 = 1 << (DISTURBANCE_BITS + 14);
 pub struct Observer<F = Factor> {
     /// Gain l1 of the position.
     pub position: F,
-    /// Gain l2. Its product has [`VELOCITY_MORE`](Self::VELOCITY_MORE) further fractional bits.
+    /// Gain l2 of the velocity. Its product has [`VELOCITY_MORE`](Self::VELOCITY_MORE) further fractional bits.
     pub velocity: F,
-    /// Gain l3. Its product has [`DISTURBANCE_MORE`](Self::DISTURBANCE_MORE) further fractional bits.
+    /// Gain l3 of the disturbance. Its product has [`DISTURBANCE_MORE`](Self::DISTURBANCE_MORE) further fractional
+    /// bits.
     pub disturbance: F,
-    /// Acceleration per LSB of [`Force`](crate::units::Force), counts per sample^2 with 32 fractional bits; 0 for
-    /// fusion.
+    /// Acceleration per LSB of [`Force`](crate::units::Force), in counts per sample^2 with 32 fractional bits. It is 0
+    /// for fusion.
     pub per_force: Gain,
 }
 
@@ -73,11 +74,11 @@ pub struct Fusion(pub Observer);
 /// State after the last sample.
 #[derive(Clone, Copy, Debug)]
 pub struct ObserverState<W: Word = i64> {
-    /// x - x^, 32 fractional bits.
+    /// The count minus the estimated position, x - x^, with 32 fractional bits.
     pub error: W,
-    /// v^, 44 fractional bits.
+    /// The estimated velocity v^, with 44 fractional bits.
     pub velocity: W,
-    /// d^, 48 fractional bits.
+    /// The estimated disturbance d^, with 48 fractional bits.
     pub disturbance: W,
 }
 
@@ -113,12 +114,12 @@ impl Form for Fusion {
 }
 
 impl Fusion {
-    /// Fractional bits of a known acceleration beyond those of an [`Acceleration`].
+    /// Number of fractional bits that a known acceleration has more than an [`Acceleration`].
     pub const KNOWN_MORE: u32 = POSITION_BITS - Acceleration::FRACTION_BITS;
 }
 
 impl Observer {
-    /// The velocity after a move by `difference` counts.
+    /// Returns the velocity after a motion of `difference` counts in one sample.
     #[inline]
     fn sample(&self, state: &mut ObserverState, difference: i32, known: i64) -> Velocity {
         let difference = difference.clamp(-Velocity::LIMIT, Velocity::LIMIT);
@@ -134,8 +135,8 @@ impl<F: Copy> Observer<F> {
     /// Further fractional bits of the product with l3.
     pub const DISTURBANCE_MORE: u8 = 16;
 
-    /// Takes a move by `moved` counts. `known`: the known acceleration, with 32 fractional bits, below 2^47 by the
-    /// design. Returns the velocity, LSB.
+    /// Takes a motion of `moved` counts. `known` is the known acceleration, with 32 fractional bits. The design keeps
+    /// it below 2^47. Returns the velocity in LSB of [`Velocity`].
     #[inline(always)] // into what is compiled for a machine's vectors
     pub fn update<W: Word<Factor = F>>(
         &self,
@@ -149,7 +150,7 @@ impl<F: Copy> Observer<F> {
         let predicted = (state.velocity >> FROM_VELOCITY) + (acceleration >> 1);
         let e = (state.error + (moved << POSITION_BITS) - predicted).clamped(ERROR_LIMIT);
         state.error = e - e.part(self.position, 0);
-        // Below 2^59 + 2^59 + 2^58 + 2^62, which is below 2^63.
+        // The sum is below 2^59 + 2^59 + 2^58 + 2^62, which is below 2^63.
         let velocity = state.velocity
             + (known << FROM_VELOCITY)
             + (state.disturbance >> (DISTURBANCE_BITS - VELOCITY_BITS))

@@ -1,4 +1,5 @@
-//! Design of the observers: poles at one bandwidth, and the known part of the acceleration.
+//! Designs the observers. All poles are at one bandwidth. The known part of the acceleration comes from the force or
+//! from an accelerometer.
 //!
 //! **Observer**: `u = F / m`, where F is the commanded force, saturated and held. If the mass is wrong, a part of F
 //! acts as a disturbance. The observer follows a disturbance no faster than the bandwidth.
@@ -16,11 +17,11 @@ use crate::{
     units::Velocity,
 };
 
-/// Lowest accepted bandwidth or crossover, as a fraction of the sample rate: 10 Hz at 10 kHz.
+/// Lowest accepted bandwidth or crossover, as a fraction of the sample rate. At 10 kHz it is 10 Hz.
 pub const OBSERVER_MIN: f64 = 1e-3;
 /// Highest accepted bandwidth or crossover, as a fraction of the sample rate.
 pub const OBSERVER_MAX: f64 = 0.2;
-/// Accepted masses of the observer's model, kg.
+/// Accepted masses of the observer's model, in kg.
 pub const MASS_KG: core::ops::RangeInclusive<f64> = 1e-3..=100.0;
 
 /// Gains of an observer in floating point.
@@ -28,12 +29,12 @@ pub const MASS_KG: core::ops::RangeInclusive<f64> = 1e-3..=100.0;
 pub struct ObserverDesign {
     /// Gains l1, l2 and l3.
     pub gains: [f64; 3],
-    /// Acceleration by full scale of the force, counts per sample^2; 0 for fusion.
+    /// Acceleration that the force at full scale causes, in counts per sample^2. It is 0 for fusion.
     pub per_full_scale: f64,
 }
 
 impl ObserverDesign {
-    /// An observer of a mass under the commanded force.
+    /// Designs an observer of a mass that the commanded force moves.
     ///
     /// # Errors
     /// `bandwidth_hz` is outside [`OBSERVER_MIN`] .. [`OBSERVER_MAX`] of the rate, or `mass_kg` is outside [`MASS_KG`].
@@ -52,7 +53,7 @@ impl ObserverDesign {
         Ok(Self { gains, per_full_scale: full_scale / mass_kg })
     }
 
-    /// An observer with an accelerometer.
+    /// Designs an observer that uses an accelerometer.
     ///
     /// # Errors
     /// `crossover_hz` is outside [`OBSERVER_MIN`] .. [`OBSERVER_MAX`] of the rate.
@@ -60,10 +61,11 @@ impl ObserverDesign {
         Ok(Self { gains: gains("crossover_hz", crossover_hz, rate_hz)?, per_full_scale: 0.0 })
     }
 
-    /// The gains as mantissa and shift, relative error 2^-32.
+    /// Converts the gains to mantissa and shift. The relative error is at most 2^-32.
     pub fn quantise(&self) -> Observer {
         let [position, velocity, disturbance] = self.gains.map(Factor::of);
-        // LSB of the acceleration per LSB of the force: 1 count per sample^2 has 2^32 LSB, full scale has 2^30.
+        // The factor from LSB of the force to LSB of the acceleration. Full scale has 2^30 LSB, and 1 count per
+        // sample^2 has 2^32 LSB.
         let per_force = libm::scalbn(self.per_full_scale, POSITION_BITS.cast_signed() - 30);
         Observer {
             position,
@@ -74,7 +76,7 @@ impl ObserverDesign {
     }
 }
 
-/// l1, l2, l3 for three poles at this frequency.
+/// Returns l1, l2 and l3 for three poles at this frequency.
 fn gains(
     parameter: &'static str,
     bandwidth_hz: f64,

@@ -1,9 +1,9 @@
-//! Parameters of the estimators, and their number types.
+//! The parameters of the estimators, and the types of their values.
 
-/// A parameter that is a number.
+/// Name, unit and default of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// Name of the parameter: the key of a scene without the unit, for example `cutoff` or `window`.
+    /// Name of the parameter, for example `cutoff` or `window`. With the unit added, it is the key in a scene.
     pub name: &'static str,
     /// Unit of the parameter, such as `Hz` or `samples`.
     pub unit: &'static str,
@@ -12,7 +12,7 @@ pub struct Parameter {
 }
 
 impl Parameter {
-    /// Whether the parameter is a frequency. `cutoff` sets a frequency, and a sweep over cutoffs varies it.
+    /// Whether the parameter is a frequency. The command `cutoff` can set it, and a sweep over cutoffs can vary it.
     pub fn is_frequency(&self) -> bool {
         self.unit == "Hz"
     }
@@ -22,16 +22,16 @@ impl Parameter {
         self.unit == "samples"
     }
 
-    /// The parameters by their index.
+    /// Returns the parameters, each at its index.
     pub(super) fn all(parameters: &[Self]) -> [Option<Self>; PARAMETERS] {
         core::array::from_fn(|place| parameters.get(place).copied())
     }
 }
 
-/// Most parameters of an estimator.
+/// The largest number of parameters of an estimator.
 pub const PARAMETERS: usize = 8;
 
-/// Parameters of one estimator by index; 0 if there is none at an index.
+/// The values of an estimator's parameters, by index. A value is 0 if there is no parameter at its index.
 pub type Numbers = [f64; PARAMETERS];
 
 #[inline]
@@ -55,7 +55,8 @@ impl Number for f64 {
 }
 
 impl Number for u32 {
-    /// A number that is not whole or is outside `u32` becomes 0. The range check refuses 0.
+    /// Converts a number. If it is not whole or is outside `u32`, it becomes 0, which the check of the range then
+    /// refuses.
     fn of(number: f64) -> Self {
         if number >= 0.0 && number <= f64::from(u32::MAX) && libm::trunc(number) == number {
             #[expect(

@@ -1,4 +1,4 @@
-//! Design of estimators that are the derivative of a polynomial. The polynomial goes through the last samples (Taylor
+//! Designs estimators that are the derivative of a polynomial. The polynomial goes through the last samples (Taylor
 //! expansions), or fits these samples best (least squares).
 //!
 //! A sum `v T = h0 x[n] + h1 x[n-1] + ..` whose weights add up to zero is also a sum of differences
@@ -38,7 +38,7 @@ pub struct FirDesign {
 }
 
 impl FirDesign {
-    /// Backward differences of this order, 1 to 3, over the same number of samples.
+    /// Designs the Taylor expansion of this order, 1 to 3. It uses as many differences.
     ///
     /// # Errors
     /// The order is out of range.
@@ -51,7 +51,8 @@ impl FirDesign {
         }))
     }
 
-    /// These weights, newest first. There are at most [`WINDOW_MAX`] weights, each below 2. They add up to one.
+    /// Makes a design of these weights, newest first. There must be at most [`WINDOW_MAX`], each below 2, and they must
+    /// add up to one.
     pub(super) fn of(exact: &[f64]) -> Self {
         let mut weights = [0.0; LENGTH];
         for (weight, exact) in weights.iter_mut().zip(exact) {
@@ -66,8 +67,8 @@ impl FirDesign {
         self.weights.get(..self.window as usize).unwrap_or(&self.weights)
     }
 
-    /// Least-squares fit of a polynomial of `degree` 1 or 2 over the last `window` differences. `window` is `degree` to
-    /// [`WINDOW_MAX`].
+    /// Designs the least-squares fit of a polynomial of `degree` 1 or 2 over the last `window` differences. `window`
+    /// must be at least `degree` and at most [`WINDOW_MAX`].
     ///
     /// # Errors
     /// Names the parameter and its range.
@@ -94,8 +95,8 @@ impl FirDesign {
         Ok(Self { weights, window })
     }
 
-    /// The weights in LSB of 2^-30, each within half an LSB. The remainder of the sum is added to the largest weight,
-    /// so that all weights add up to exactly 2^30.
+    /// Rounds the weights to LSB of 2^-30. The remainder is added to the largest weight, so that all weights add up to
+    /// exactly 2^30.
     pub fn quantise(&self) -> Fir {
         let one = 1i32 << FRACTION_BITS;
         let mut weights = [0; LENGTH];

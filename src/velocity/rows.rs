@@ -1,11 +1,11 @@
 //! Turns the rows of the table into types, and into functions for all estimators.
 
-/// A row: `NAME = ID, "text" { KEY: type = ("name", "unit", default), .. }`, with the estimator's parameters. The sense
-/// that the estimator needs follows, and the code that builds its integer form for a [`Design`]. A weighted sum of
-/// differences also has its exact weights.
+/// Reads the table. A row begins with `NAME = ID, "text" { KEY: type = ("name", "unit", default), .. }`, which has the
+/// estimator's parameters. Then follow the sense that the estimator needs, if any, and the code that builds its integer
+/// form for a [`Design`]. A weighted sum of differences also has its exact weights.
 ///
-/// `if`: the features with which the build has a group. From the two paths the compiler knows how likely an estimator
-/// of the group is, and whether it is inlined.
+/// Rows are in groups. `if` has the Cargo features with which a build has the group. The two paths tell the compiler
+/// how likely an estimator of the group is, and whether it is inlined.
 macro_rules! estimators {
     ($(if $on:meta, $likely:path, $step:path {
         forms { $(
@@ -23,7 +23,7 @@ macro_rules! estimators {
             => |$design:pat_param| $of:ident($build:expr) $(, weights $weights:expr)?;
         )* }
     })*) => {
-        /// An estimator by its name, which is also its name in the envelope.
+        /// The name of an estimator. The envelope uses the same name.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum EstimatorName {
             $($($(#[$doc])* #[cfg($on)] $name,)*)*
@@ -45,13 +45,14 @@ macro_rules! estimators {
             $($($(#[$form_doc])* #[cfg($on)] $form($integer),)*)*
         }
 
-        /// Name of the integer form. It has the same numbers as [`Estimator`], so that one load finds the name.
+        /// Name of an integer form. The variants have the same numbers as those of [`Estimator`], so that a single load
+        /// finds the name.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub(super) enum Kind {
             $($(#[cfg($on)] $form,)*)*
         }
 
-        /// Memory of the forms. Each form has its own field. So the compiler can keep the few words of the usual form
+        /// Memory of all forms. Each form has its own field. So the compiler can keep the few words of the usual form
         /// in registers.
         #[derive(Clone, Copy, Debug)]
         pub(super) struct Memory {
@@ -67,12 +68,12 @@ macro_rules! estimators {
                 match self { $($(#[cfg($on)] Self::$name => $text,)*)* }
             }
 
-            /// The number in a settings record. A number never gets a new meaning.
+            /// The number that stands for the estimator in saved settings. A number never gets a new meaning.
             pub const fn id(self) -> u32 {
                 match self { $($(#[cfg($on)] Self::$name => $id,)*)* }
             }
 
-            /// The sense that the estimator needs beside the position.
+            /// The sense that the estimator needs in addition to the position.
             pub fn sense(self) -> Option<Sense> {
                 match self { $($(#[cfg($on)] Self::$name => None $(.or(Some(Sense::$sense)))?,)*)* }
             }
@@ -87,12 +88,13 @@ macro_rules! estimators {
                 }
             }
 
-            /// Keys of the parameters: the names with units, as in scenes and in [`SettingsError`].
+            /// Keys of the parameters. A key is a name with its unit, as in scenes and in [`SettingsError`].
             pub const fn keys(self) -> &'static [&'static str] {
                 match self { $($(#[cfg($on)] Self::$name => &[$(stringify!($key)),*],)*)* }
             }
 
-            /// Name and parameters of these settings; 0 if there is no parameter at an index.
+            /// Returns the estimator and the parameters of these settings. A value is 0 if there is no parameter at its
+            /// index.
             pub fn of(settings: &VelocitySettings) -> (Self, Numbers) {
                 match *settings {
                     $($(#[cfg($on)] VelocitySettings::$name { $($key),* } => {
@@ -101,7 +103,8 @@ macro_rules! estimators {
                 }
             }
 
-            /// Settings of this estimator with these parameters. [`VelocitySettings::build`] checks their ranges.
+            /// Makes settings of this estimator with these parameters. [`VelocitySettings::build`] checks their ranges
+            /// later.
             pub fn settings(self, numbers: Numbers) -> VelocitySettings {
                 let mut numbers = numbers.into_iter();
                 match self {
@@ -113,7 +116,7 @@ macro_rules! estimators {
         }
 
         impl VelocitySettings {
-            /// The estimator's integer form for this device.
+            /// Builds the estimator's integer form for this device.
             ///
             /// # Errors
             /// Names the parameter that is out of range, and the range.
@@ -126,8 +129,8 @@ macro_rules! estimators {
                 })
             }
 
-            /// The exact weights of the last differences, newest first. `None` if the estimator is no sum of
-            /// differences.
+            /// Returns the exact weights of the last differences, newest first. Returns `None` if the estimator is not
+            /// a sum of differences.
             ///
             /// # Errors
             /// Names the parameter that is out of range, and the range.
@@ -159,7 +162,7 @@ macro_rules! estimators {
                 }
             }
 
-            /// [`step`](Self::step) for several samples.
+            /// Does [`step`](Self::step) for several samples.
             #[inline]
             pub(super) fn step_all(
                 &self,

@@ -1,22 +1,22 @@
-//! Senses that an estimator may use beside the position.
+//! The senses that an estimator may use in addition to the position.
 
 use crate::units::{Acceleration, Force};
 
-/// Values of the senses beside the position at a sample. The board or the simulator fills in the senses that it has. An
-/// estimator that needs another sense is not offered ([`Sense`]).
+/// What the senses read at a sample, apart from the position. The board or the simulator fills in the senses that it
+/// has. It does not offer an estimator that needs another [`Sense`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Senses {
-    /// Mean force on the handle since the last sample, as the controller knows it: saturated, held, and assumed to act
-    /// since then.
+    /// Mean force on the handle since the last sample, as far as the controller knows it. This is the commanded force
+    /// after saturation, which is held constant and is assumed to act without delay.
     pub force: Force,
     /// Mean measured acceleration of the handle since the last sample.
     pub acceleration: Acceleration,
-    /// The latest edge of the encoder's signals; `None` before the first edge.
+    /// The latest edge of the encoder's signals, or `None` before the first edge.
     pub edge: Option<Edge>,
 }
 
 impl Senses {
-    /// No sense but the position.
+    /// The values if there is no sense apart from the position.
     pub const NONE: Self =
         Self { force: Force::ZERO, acceleration: Acceleration::ZERO, edge: None };
 }
@@ -27,8 +27,8 @@ impl Senses {
 /// the handle was at exactly c + 1 counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// Time from the edge to the sample, 2^-16 samples, rounded down, saturating. Below [`Edge::SAMPLE`] the edge came
-    /// since the last sample.
+    /// Time from the edge to the sample, in 2^-16 samples. It is rounded down, and saturates. If it is below
+    /// [`Edge::SAMPLE`], the edge came after the last sample.
     pub age: u32,
     /// Whether the count went up with the edge.
     pub up: bool,
@@ -37,18 +37,18 @@ pub struct Edge {
 impl Edge {
     /// Fractional bits of the age.
     pub const FRACTION_BITS: u32 = 16;
-    /// Age of one sample.
+    /// The age of an edge that came exactly one sample ago.
     pub const SAMPLE: u32 = 1 << Self::FRACTION_BITS;
 }
 
-/// A sense beside the position that an estimator needs.
+/// A sense, apart from the position, that an estimator may need.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sense {
-    /// The force of the motor, [`Senses::force`].
+    /// The force of the motor, see [`Senses::force`].
     Force,
-    /// The acceleration of the handle, [`Senses::acceleration`].
+    /// The acceleration of the handle, see [`Senses::acceleration`].
     Acceleration,
-    /// The latest edge, [`Senses::edge`].
+    /// The time of the encoder's latest edge, see [`Senses::edge`].
     Edge,
 }
 

@@ -1,4 +1,4 @@
-//! Time stamping: the counts between two edges, divided by the time between them.
+//! Time stamping. The velocity is the number of counts between two edges, divided by the time between them.
 //!
 //! ```text
 //! v = (X[k] - X[j]) / (t[k] - t[j])       k: the latest edge, j: the latest edge that is older by
@@ -40,25 +40,27 @@ use crate::{
 
 /// Longest span, in samples.
 pub const SPAN_MAX: u32 = 62;
-/// Stored edges: one per sample of the longest span, one older and one newer.
+/// Number of stored edges: one per sample of the longest span, one older and one newer.
 const LENGTH: u8 = 64;
-/// Time without an edge after which the handle stands still, 2^-16 samples.
+/// Time without an edge, in 2^-16 samples, after which the handle counts as standing still.
 const STANDSTILL: u32 = 1 << 31;
-/// 2^16 LSB of velocity per count per sample, times 2^16 LSB of time per sample.
+/// A count per sample is 2^16 LSB of velocity, and a sample is 2^16 LSB of time. The velocity in LSB is counts *
+/// 2^`SCALE_BITS` / time in LSB.
 const SCALE_BITS: u32 = Velocity::FRACTION_BITS + Edge::FRACTION_BITS;
 
-/// Period measurement in integer form.
+/// The estimator in integer form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeStamps {
-    /// Shortest time of a measurement, 2^-16 samples: 1 to [`SPAN_MAX`] samples less a half.
+    /// Shortest time of a measurement, in 2^-16 samples. It is half a sample less than the setting, which is 1 to
+    /// [`SPAN_MAX`] samples.
     pub(super) span: u32,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Stamp {
-    /// Time in 2^-16 samples, wrapping.
+    /// Time of the edge, in 2^-16 samples. It wraps.
     time: u32,
-    /// Position in counts, wrapping.
+    /// Exact position at the edge, in counts. It wraps.
     place: i32,
 }
 
@@ -68,22 +70,22 @@ kept!(Stamp { time, place });
 pub(super) struct TimeStampsState {
     stamps: [Stamp; LENGTH as usize],
     sum: u32,
-    /// Index of the latest stamp. The next field: distance from the latest stamp to the first stamp of the measurement.
-    /// Index and distance are 0 if there was only one edge.
+    /// Index of the latest stamp. `back` is the number of stamps from the first stamp of the measurement to the latest.
+    /// Both are 0 if there was only one edge.
     latest: u8,
     back: u8,
-    /// Whether there was an edge.
+    /// Whether there was an edge at all.
     begun: bool,
-    /// Time of this sample, 2^-16 samples, wrapping.
+    /// Time of this sample, in 2^-16 samples. It wraps.
     now: u32,
-    /// Count of this sample, wrapping. It is not renamed when the position is zeroed.
+    /// Count of this sample. It wraps, and does not change when the position is made zero.
     count: i32,
     /// Mean velocity between the two edges.
     measured: Velocity,
 }
 
 impl TimeStamps {
-    /// A measurement over at least this number of samples, 1 to [`SPAN_MAX`].
+    /// Makes the estimator. A measurement takes at least this number of samples, 1 to [`SPAN_MAX`].
     ///
     /// # Errors
     /// Names the parameter and its range.
@@ -92,8 +94,8 @@ impl TimeStamps {
         Ok(Self { span: (span_samples << Edge::FRACTION_BITS) - Edge::SAMPLE / 2 })
     }
 
-    /// The mean velocity up to the latest edge. First the function searches the edge at which this measurement begins.
-    /// The search starts at the first edge of the last measurement.
+    /// Returns the mean velocity up to the latest edge. It first searches the edge at which this measurement begins,
+    /// starting from the first edge of the last measurement.
     fn measure(&self, state: &mut TimeStampsState) -> Velocity {
         let latest = state.at(0);
         while state.back > 1 && latest.time.wrapping_sub(state.at(state.back - 1).time) >= self.span
@@ -169,15 +171,15 @@ impl Form for TimeStamps {
     }
 }
 
-/// `dividend / divisor`, rounded to the nearest. A divisor of 0 gives the dividend itself.
+/// Returns `dividend / divisor`, rounded to the nearest. For a divisor of 0 it returns the dividend.
 #[inline]
 fn quotient(dividend: u64, divisor: u32) -> u64 {
     NonZeroU64::new(divisor.into())
         .map_or(dividend, |divisor| dividend.saturating_add(divisor.get() / 2) / divisor)
 }
 
-/// The edge that came since the last sample, if there was one. A count that moved had an edge. If the age of this edge
-/// is not known, the age is assumed.
+/// Returns the edge that came since the last sample, if there was one. If the count has moved, there was an edge. If
+/// its age is not known, an age is assumed.
 #[inline]
 fn fresh(difference: i32, edge: Option<Edge>) -> Option<Edge> {
     match edge {
@@ -189,8 +191,8 @@ fn fresh(difference: i32, edge: Option<Edge>) -> Option<Edge> {
     }
 }
 
-/// Half the time of one count at a speed of `counts` counts per sample, 2^-16 samples. For speeds below one count per
-/// sample, the result is half a sample.
+/// Returns half the time of one count at a speed of `counts` counts per sample, in 2^-16 samples. For a lower speed
+/// than one count per sample it returns half a sample.
 #[inline]
 fn likely_age(counts: i32) -> u32 {
     Edge::SAMPLE / 2 / counts.unsigned_abs().max(1)
@@ -208,7 +210,7 @@ impl TimeStampsState {
         measured: Velocity::ZERO,
     };
 
-    /// The stamp that is `back` stamps before the latest.
+    /// Returns the stamp that is `back` stamps before the latest.
     #[inline]
     fn at(&self, back: u8) -> Stamp {
         let place = usize::from(self.latest.wrapping_sub(back) % LENGTH);
@@ -228,7 +230,7 @@ impl TimeStampsState {
         self.begun = true;
     }
 
-    /// The state after many samples at this velocity: two edges, a span apart or one count apart.
+    /// Makes the state after many samples at this velocity. It has two edges, which are a span or one count apart.
     fn at_velocity(velocity: Velocity, of: &TimeStamps) -> Self {
         let speed = velocity.bits().unsigned_abs();
         if speed == 0 {
@@ -260,7 +262,8 @@ impl TimeStampsState {
 mod tests {
     use super::*;
 
-    /// Runs an estimator. The edges are at `t` (2^-16 samples). Each position is the position after the last edge.
+    /// Runs the estimator over samples, and returns the velocities in LSB. Each sample has its difference, and the age
+    /// and direction of its edge if there was one.
     fn run(span: u32, samples: &[(i32, Option<(u32, bool)>)]) -> std::vec::Vec<i32> {
         let estimator = TimeStamps::new(span).unwrap();
         let mut state = TimeStampsState::REST;
@@ -276,7 +279,7 @@ mod tests {
     #[test]
     fn two_edges_give_the_exact_mean_and_time_without_edges_bounds_it() {
         let half = 1 << 15;
-        // up at 0.5, 2.25 (after 1.75 samples); then nothing
+        // Edges up come at 0.5 and at 2.25, which is 1.75 samples later. Then no edge comes.
         let got = run(
             1,
             &[
@@ -294,9 +297,9 @@ mod tests {
 
     #[test]
     fn a_reversal_at_one_border_measures_no_move() {
-        // up over the border, and back down over it
+        // The handle goes up over the edge of a count, and back down over the same edge.
         assert_eq!(run(2, &[(1, Some((100, true))), (-1, Some((50, false)))])[1], 0);
-        // over the next border and back within a sample: one count more, over at least the span
+        // The handle goes over the next edge and back within a sample. This is one count more, over at least the span.
         assert_eq!(run(2, &[(1, Some((100, true))), (0, Some((50, false)))])[1], 43_691); // 2^16 / 1.5
     }
 

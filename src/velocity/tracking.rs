@@ -1,4 +1,4 @@
-//! Tracking loop (phase-locked loop) on the position: two integrators follow the count.
+//! A tracking loop (phase-locked loop) on the position. Two integrators follow the count.
 //!
 //! ```text
 //! e = x[n] - (x^ + v^)        x^ = x^ + v^ + kp e        v^ = v^ + ki e        counts, samples
@@ -17,8 +17,8 @@
 //! kp = 1 - p^2,   ki = (1 - p)^2
 //! ```
 //!
-//! At [`BANDWIDTH_MAX`] kp is 0.957. At higher bandwidths kp comes near 1. With kp near 1 the loop follows every count.
-//! So a higher bandwidth is refused.
+//! At [`BANDWIDTH_MAX`] kp is 0.957. At higher bandwidths kp would come near 1, and the loop would follow every single
+//! count. So they are refused.
 //!
 //! **Form.** Solved for v^ the loop is
 //!
@@ -40,31 +40,33 @@ use core::ops::RangeInclusive;
 use super::biquad::Biquad;
 use crate::range::{SettingsError, within};
 
-/// Lowest accepted bandwidth, as a fraction of the sample rate. `ki` has 52 LSB of 2^-30 there.
+/// Lowest accepted bandwidth, as a fraction of the sample rate. At this bandwidth `ki` is 52 LSB of 2^-30.
 pub const BANDWIDTH_MIN: f64 = 3.5e-5;
 /// Highest accepted bandwidth, as a fraction of the sample rate.
 pub const BANDWIDTH_MAX: f64 = 0.25;
-/// Accepted ratios of the second pole's frequency to the first pole's frequency, for smoothing. A second pole of 1e-8
-/// or less has no effect.
+/// For smoothing, the accepted ratios between the frequencies of the second and the first pole. With a large ratio the
+/// second pole is 1e-8 or less in the z plane, and has no effect.
 pub const RATIO: RangeInclusive<f64> = 1.0..=1e6;
-/// Above this fraction of the sample rate the first order of error feedback is quieter. At this fraction both orders
-/// leave 0.35 LSB RMS, by the squared impulse responses of `(1 - z^-1)^k / (1 - p z^-1)^2`.
+/// If the bandwidth is below this fraction of the sample rate, error feedback of second order leaves less noise than
+/// that of first order. At this fraction both leave 0.35 LSB RMS. This follows from the squared impulse responses of
+/// `(1 - z^-1)^k / (1 - p z^-1)^2`.
 const SECOND_ORDER_BELOW: f64 = 0.05;
 
 /// A tracking loop in floating point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackingLoop {
-    /// Gain from error to position.
+    /// Gain from the error e to the position x^.
     pub kp: f64,
-    /// Gain from error to velocity, per sample.
+    /// Gain from the error e to the velocity v^, per sample.
     pub ki: f64,
-    /// Samples by which the output leads, from its last change. It is 0, except with [`TrackingLoop::led`].
+    /// Number of samples by which the output leads. The output is extrapolated from its last change. The lead is 0,
+    /// except with [`TrackingLoop::led`].
     pub lead: f64,
     bandwidth_per_rate: f64,
 }
 
 impl TrackingLoop {
-    /// The loop with two poles at this bandwidth. Bandwidth and sample rate are in Hz.
+    /// Designs the loop with two poles at this bandwidth. Bandwidth and sample rate are in Hz.
     ///
     /// # Errors
     /// `bandwidth_hz` is outside [`BANDWIDTH_MIN`] .. [`BANDWIDTH_MAX`] of the rate.
@@ -76,9 +78,9 @@ impl TrackingLoop {
         Ok(Self { kp: less * (2.0 - less), ki: less * less, lead: 0.0, bandwidth_per_rate })
     }
 
-    /// Exponential smoothing, twice: the poles are at `exp(-w T)` of this cutoff and of `ratio` times this cutoff. The
-    /// loop with these poles need not be critically damped. `1 - kp` is the product of the poles. `ki` is the product
-    /// of their distances from 1.
+    /// Designs exponential smoothing, twice in series. The poles are at `exp(-w T)`, one for this cutoff and one for
+    /// `ratio` * cutoff. As a loop this need not be critically damped. `1 - kp` is the product of the poles. `ki` is
+    /// the product of their distances from 1.
     ///
     /// # Errors
     /// `cutoff_hz` is outside [`BANDWIDTH_MIN`] .. [`BANDWIDTH_MAX`] of the rate, or `ratio` is outside [`RATIO`].
@@ -92,8 +94,8 @@ impl TrackingLoop {
         Ok(Self { kp: less[0] + less[1] - ki, ki, lead: 0.0, bandwidth_per_rate })
     }
 
-    /// The loop with this bandwidth and the output `v^ + lead (v^[n] - v^[n-1])`. A lead of -1 is a lag of one sample.
-    /// A lead of `kp / ki` adds the loop's proportional part, which leaves no delay at DC.
+    /// Designs the loop with this bandwidth and the output `v^ + lead (v^[n] - v^[n-1])`. A lead of -1 is a lag of one
+    /// sample. With a lead of `kp / ki` the output includes the loop's proportional part, and has no delay at DC.
     ///
     /// # Errors
     /// `bandwidth_hz` is out of range as in [`new`](Self::new). Or `lead` is outside -1 .. `kp / ki + 1`. The upper end
@@ -103,7 +105,7 @@ impl TrackingLoop {
         let own = Self::new(bandwidth_hz, rate_hz)?;
         let (kp, ki) = (own.kp, own.ki);
         let sum = 0.5 * ((3.999 - (3.0 - 2.0 * kp - ki)) / ki - 1.0);
-        // Room of 1 part in 10^12, for callers that compute the limit in another way.
+        // The limit has room for rounding, 1 part in 10^12, because callers may compute it in another way.
         let most = (kp / ki + 1.0) * (1.0 + 1e-12);
         within("lead", lead, -1.0..=most.min(1.999 / ki - 1.0).min(sum))?;
         Ok(Self { lead, ..own })
@@ -111,18 +113,18 @@ impl TrackingLoop {
 
     /// Delay of a slow motion, in samples.
     pub fn delay_samples(&self) -> f64 {
-        // 1/2, and p / (1 - p) of each pole
+        // The difference has a delay of 1/2, and each pole p / (1 - p).
         0.5 + (self.kp - self.ki) / self.ki - self.lead
     }
 
-    /// The low-pass behind the finite difference, with a DC gain of exactly one. The coefficients are within one LSB of
-    /// 2^-30.
+    /// Returns the low-pass that follows the finite difference. Its DC gain is exactly one, and its coefficients are
+    /// exact to one LSB of 2^-30.
     pub fn quantise(&self) -> Biquad {
         let one = 1i32 << Biquad::FRACTION_BITS;
         #[expect(clippy::cast_possible_truncation, reason = "below 1, so below 2^30")]
         let [square, sum] =
             [1.0 - self.kp, self.ki].map(|value| libm::round(value * f64::from(one)) as i32);
-        // a1 = ki - 1 - p^2 > -2, so within i32.
+        // a1 is ki - 1 - p^2, which is above -2 and so within i32.
         let a1 = sum.wrapping_sub(one).wrapping_sub(square);
         #[expect(clippy::cast_possible_truncation, reason = "below 1, so below 2^30")]
         let back = libm::round(self.ki * self.lead * f64::from(one)) as i32;

@@ -1,5 +1,5 @@
-//! Difference over a window: the counts of the last N samples, divided by their time. The drivers of CHAI3D and Force
-//! Dimension use this estimator too.
+//! The difference over a window. The velocity is the number of counts in the last N samples, divided by their time. The
+//! drivers of CHAI3D and Force Dimension use this estimator too.
 //!
 //! ```text
 //! v T = (x[n] - x[n-N]) / N
@@ -20,19 +20,19 @@ use crate::{
     units::Velocity,
 };
 
-/// Longest accepted window, samples.
+/// Longest accepted window, in samples.
 pub const DIFFERENCE_WINDOW_MAX: u8 = 255;
 
 const LENGTH: usize = 256;
-/// Fractional bits of the factor beyond those of a velocity. Rounding of the factor causes an error of at most a
-/// quarter of an LSB.
+/// Number of fractional bits that the factor has more than a velocity. With them, the rounding of the factor causes an
+/// error of at most a quarter of an LSB.
 const FACTOR_BITS: u32 = 24;
 
 /// Difference over a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WindowDifference {
     window: u8,
-    /// One over the window, see [`factor`](Self::factor).
+    /// The factor 1 / window. See [`factor`](Self::factor).
     factor: i64,
 }
 
@@ -46,7 +46,7 @@ pub(super) struct WindowState {
 kept!(WindowState { ring, sum });
 
 impl WindowDifference {
-    /// A difference over this number of samples, 1 to [`DIFFERENCE_WINDOW_MAX`].
+    /// Makes a difference over this number of samples, 1 to [`DIFFERENCE_WINDOW_MAX`].
     ///
     /// # Errors
     /// The window is out of range.
@@ -63,7 +63,8 @@ impl WindowDifference {
         self.window
     }
 
-    /// One over the window, in LSB of a velocity with [`FACTOR_BITS`](Self::FACTOR_BITS) further fractional bits.
+    /// The factor 1 / window. Its LSB is that of a velocity with [`FACTOR_BITS`](Self::FACTOR_BITS) further fractional
+    /// bits.
     pub const fn factor(&self) -> i64 {
         self.factor
     }
@@ -95,7 +96,7 @@ impl Form for WindowDifference {
         let leaves = state.ring.back(self.window.wrapping_sub(1));
         state.ring.push(difference);
         state.sum += state.ring.back(0) - leaves;
-        // at most 255 * 32767 * 2^40 / 255, below 2^56
+        // The product is at most 255 * 32767 * 2^40 / 255, which is below 2^56.
         let mean = (i64::from(state.sum) * self.factor + (1 << (FACTOR_BITS - 1))) >> FACTOR_BITS;
         #[expect(clippy::cast_possible_truncation, reason = "a mean of differences in range")]
         Velocity::saturating_from_bits(mean as i32)
@@ -114,7 +115,7 @@ mod tests {
 
     const LSB: f64 = (1u32 << Velocity::FRACTION_BITS) as f64;
 
-    /// Velocities at these positions, counts per sample. The handle rests at the first position.
+    /// Computes the velocities at these positions, in counts per sample. The handle rests at the first position.
     fn velocities(window: u32, positions: &[i32]) -> std::vec::Vec<f64> {
         let settings = EstimatorName::WindowDifference.defaults().with_tuning(window.into());
         let estimator = settings.build(&DESIGN).unwrap();

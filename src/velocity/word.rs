@@ -1,5 +1,5 @@
-//! A number of 64 bits, or a vector of such numbers. The simulator runs some estimators many times side by side. The
-//! code of these estimators uses this type.
+//! A number of 64 bits, or a vector of such numbers. The simulator computes some estimators for many hits at once, in
+//! vectors. The code of these estimators uses this trait.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -18,33 +18,33 @@ pub trait Word:
     type Gain: Copy;
     /// A factor below 1. A vector has one for each of its numbers.
     type Factor: Copy;
-    /// 16 bits without sign. A vector has them for each of its numbers.
+    /// A fraction of 16 bits without sign. A vector has one for each of its numbers.
     type Fraction: Copy;
 
-    /// The nearest number within `-limit..=limit`.
+    /// Returns the nearest number within `-limit..=limit`.
     #[must_use]
     fn clamped(self, limit: i64) -> Self;
 
-    /// The product, rounded to nearest, saturating at +-[`Gain::PRODUCT_LIMIT`].
+    /// Returns the product with a gain, rounded to nearest. It saturates at +-[`Gain::PRODUCT_LIMIT`].
     #[must_use]
     fn times(self, gain: Self::Gain) -> Self;
 
-    /// The product with `bits` more fractional bits (at most 31), rounded down, saturating at 2^62. A vector's factor
-    /// must be made for these bits.
+    /// Returns the product with a factor. It has `bits` more fractional bits, at most 31. It is rounded down, and
+    /// saturates at 2^62. The factor of a vector must have been made for this number of bits.
     #[must_use]
     fn part(self, factor: Self::Factor, bits: u8) -> Self;
-    /// The sum, saturating at 64 bits.
+    /// Returns the sum, which saturates at 64 bits.
     #[must_use]
     fn saturating(self, other: Self) -> Self;
-    /// The number without its last `bits` bits, rounded to nearest.
+    /// Returns the number without its last `bits` bits, rounded to nearest.
     #[must_use]
     fn rounded(self, bits: u32) -> Self;
 
-    /// The sum with a fraction of 16 bits without sign.
+    /// Returns the sum of the number and a fraction.
     #[must_use]
     fn plus(self, fraction: Self::Fraction) -> Self;
 
-    /// The number without its last 16 bits, rounded down, and these 16 bits.
+    /// Returns the number without its last 16 bits, rounded down, and these 16 bits.
     fn split(self) -> (Self, Self::Fraction);
 }
 

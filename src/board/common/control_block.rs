@@ -1,19 +1,20 @@
 //! RTT's control block. It is in RAM, and the host writes there too. So the program checks a buffer's address and size
 //! before each use.
 
-/// Sizes of the buffers of up 0 to 2 and of down 0, in the order of the control block.
+/// Size of each channel's buffer, in bytes. The order is that of the control block: up channels 0, 1 and 2, then down
+/// channel 0.
 const SIZES: [u32; 4] = [4096, 8192, 1024, 256];
 
 unsafe extern "C" {
-    /// The control block, as `rtt_init` has it: 24 bytes, then 24 for each channel.
+    /// The control block that the macro `rtt_init` makes. It has a head of 24 bytes, then 24 bytes for each channel.
     static _SEGGER_RTT: u32;
 }
 
-/// A channel's words: name, buffer, size, write, read, flags.
+/// Number of words of a channel: its name, its buffer's address and size, the offsets of writer and reader, and flags.
 const WORDS: usize = 6;
 
-/// Names, buffers and sizes of all channels, folded into one word. They do not change after set-up. A host writes only
-/// the other words.
+/// Folds names, buffers and sizes of all channels into one word. They do not change after set-up, because a host writes
+/// only the other words of the control block. So a changed sum shows a wrong control block.
 #[inline(always)]
 pub(in crate::board) fn sum() -> u32 {
     let mut sum = 0u32;
@@ -25,8 +26,8 @@ pub(in crate::board) fn sum() -> u32 {
     sum
 }
 
-/// Address of a channel's buffer. A host writes into the control block. With a wrong address or size the program would
-/// write into the memory of a task.
+/// Address of a channel's buffer, as it was at set-up. A host can write into the control block. If it wrote a wrong
+/// address or size there, the program would write into the memory of a task.
 pub(in crate::board) struct Buffer {
     channel: usize,
     address: u32,
@@ -42,12 +43,13 @@ impl Buffer {
         unsafe { (&raw const _SEGGER_RTT).add(WORDS * (1 + channel) + word).read_volatile() }
     }
 
-    /// Offset in the buffer of the next byte that the program reads.
+    /// Offset, in the buffer, of the next byte that the program will read.
     pub(in crate::board) fn next_read(&self) -> u32 {
         Self::word(self.channel, 4)
     }
 
-    /// Clears these bytes. Otherwise a command could be read twice after a flipped bit in the control block.
+    /// Clears `count` bytes of the buffer that were read, beginning at offset `from`. Otherwise a flipped bit in the
+    /// control block could make the program read a command twice.
     pub(in crate::board) fn clear(&self, from: u32, count: usize) {
         let Some(&size) = SIZES.get(self.channel) else { return };
         for at in (from..).take(count) {

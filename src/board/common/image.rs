@@ -1,4 +1,4 @@
-//! Where the image is in flash, by the symbols of memory.x and of cortex-m-rt's link.x.
+//! Finds the parts of the image in flash. Symbols of memory.x and of cortex-m-rt's link.x mark them.
 
 use core::{ptr, slice};
 

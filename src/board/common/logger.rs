@@ -13,10 +13,10 @@ use rtt_target::{ChannelMode, UpChannel};
 
 use super::{control_block::Buffer, mask};
 
-/// Longest frame, bytes after encoding; a longer one is dropped.
+/// Length of the longest encoded frame, in bytes. A longer frame is dropped.
 const FRAME_BYTES: usize = 256;
 
-/// Frames that were dropped since the start; wraps.
+/// Number of frames that were dropped since the start. The number wraps.
 static DROPPED: AtomicU32 = AtomicU32::new(0);
 
 struct State {
@@ -44,9 +44,11 @@ static STATE: Shared = Shared(UnsafeCell::new(State {
 }));
 
 impl State {
-    /// Appends to the frame. Past the frame's end only the length grows, and the frame is dropped.
+    /// Appends `bytes` to the frame. If they do not fit, only `length` grows. A frame with a `length` above
+    /// [`FRAME_BYTES`] is dropped later.
     fn stage(frame: &mut [u8; FRAME_BYTES], length: &mut usize, bytes: &[u8]) {
-        // In this order the compiler sees that the lengths are equal, and no panic is left in the code.
+        // The two slices are made in this order, because then the compiler sees that their lengths are equal. So the
+        // code contains no panic.
         let rest = frame.get_mut(*length..);
         if let Some(room) = rest.and_then(|rest| rest.get_mut(..bytes.len())) {
             room.copy_from_slice(bytes);

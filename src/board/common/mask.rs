@@ -1,20 +1,20 @@
 //! A critical section that the sampling task does not notice.
 //!
-//! BASEPRI is raised to [`LEVEL`]. This masks priorities 1 to 14, but not 15, the sampling task. PRIMASK stays as it
-//! is. So the section excludes every task except the sampling task. That task must not use the guarded data: a call
-//! from there traps.
+//! BASEPRI is raised to [`LEVEL`]. This masks RTIC's priorities 1 to 14. It does not mask priority 15, which only the
+//! sampling task has. PRIMASK stays as it is. So no other task can interrupt the section. The sampling task must not
+//! use the guarded data: a call from that task traps.
 
 use core::arch::asm;
 
 use cortex_m::peripheral::scb::VectActive;
 
-/// BASEPRI that masks the RTIC priorities 1..=14 (hardware 0xF0 down to 0x20).
+/// The value of BASEPRI that masks RTIC's priorities 1 to 14. In hardware these are the priorities 0xF0 down to 0x20.
 const LEVEL: u8 = 0x20;
 
 /// Runs `section` while all interrupts except the sampling task's are masked.
 ///
-/// A wrong caller (the sampling task, a fault handler, NMI) ends in an undefined instruction. [`LEVEL`] does not mask
-/// such a caller, so it could have interrupted another section.
+/// The sampling task, a fault handler or the NMI must not call this. [`LEVEL`] does not mask them, so such a caller
+/// could have interrupted another section. It ends in an undefined instruction.
 #[inline(always)]
 pub fn with_lower_tasks_masked<R>(section: impl FnOnce() -> R) -> R {
     let before = raise();
@@ -23,7 +23,8 @@ pub fn with_lower_tasks_masked<R>(section: impl FnOnce() -> R) -> R {
     result
 }
 
-/// First half of [`with_lower_tasks_masked`], for code without a closure. Returns the argument of [`restore`].
+/// Begins a critical section like [`with_lower_tasks_masked`], for code that cannot use a closure. Pass the result to
+/// [`restore`].
 #[inline(always)]
 pub(in crate::board) fn raise() -> u8 {
     if !caller_is_masked() {
@@ -37,7 +38,7 @@ pub(in crate::board) fn raise() -> u8 {
     before
 }
 
-/// Second half: undoes [`raise`].
+/// Ends the critical section that [`raise`] began. `before` is the result of [`raise`].
 #[inline(always)]
 pub(in crate::board) fn restore(before: u8) {
     // SAFETY: `before` is what BASEPRI was before the matching `raise`; accesses that it guarded

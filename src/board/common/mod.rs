@@ -1,4 +1,5 @@
-//! Code for a board with any Cortex-M4: log, probe link, critical section, device record and image in flash.
+//! Code that any board with a Cortex-M4 can use: the log, the link to the probe, the critical section, and access to
+//! device record and image in flash.
 
 pub(in crate::board) mod control_block;
 pub mod device_record;

@@ -7,8 +7,8 @@
 //! | up 2    | replies, one line of text each  | 1024  | whole lines are dropped |
 //! | down 0  | commands, one line of text each | 256   | the host waits               |
 //!
-//! No function here waits for the host, even if a debugger writes another mode into a channel. If an address or size of
-//! a buffer in the control block differs from set-up, nothing is read or written. `console/reply_channel.rs` handles a
+//! No function here waits for the host, even if a debugger writes another mode into a channel. If the control block has
+//! another address or size of a buffer than at set-up, nothing is read or written. `console/reply_channel.rs` handles a
 //! reply for which up 0 and up 2 have no room.
 
 use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init};
@@ -19,11 +19,11 @@ use super::control_block::Buffer;
 pub use super::logger::dropped as log_dropped;
 
 pub struct Channels {
-    /// RTT's up channel 1.
+    /// RTT's up channel 1, for telemetry.
     pub telemetry: UpLink,
-    /// RTT's up channel 2.
+    /// RTT's up channel 2, for replies to commands.
     pub replies: UpLink,
-    /// RTT's down channel 0.
+    /// RTT's down channel 0, for commands from the host.
     pub commands: Commands,
 }
 
@@ -54,7 +54,7 @@ impl contract::CommandChannel for Commands {
     }
 }
 
-/// Sets up the channels; up 0 goes to the logger. Call once.
+/// Sets up the channels, and gives up channel 0 to the logger. Call it only once.
 pub(in crate::board) fn init() -> Channels {
     let channels = rtt_init! {
         up: {

@@ -1,5 +1,6 @@
-//! First checks at boot: the right chip, and the 8 MHz that all clocks come from. If the chip is wrong or the 8 MHz are
-//! missing, the board reports it and stops here, with all pins as after reset.
+//! The first checks at boot: is it the right chip, and is the 8 MHz clock there, from which all other clocks are made?
+//! If the chip is wrong or the clock is missing, the board reports it and stops here. All pins then stay as after
+//! reset.
 
 use stm32f4xx_hal::pac;
 use zwidth::contract::UpChannel as _;
@@ -11,11 +12,13 @@ const OTHER_CHIP: &[u8] =
 const NO_CLOCK: &[u8] =
     b"error: no 8 MHz clock, nothing runs: see the solder bridges in docs/wiring.md\n";
 
-/// Reads of the ready flag before the board gives up. A read takes some eight cycles of the 16 MHz reset clock, so all
-/// reads take a tenth of a second. A crystal needs a few milliseconds (data sheets).
+/// Number of times that the clock's ready flag is read before the board gives up. A read takes some eight cycles of the
+/// 16 MHz reset clock, so all reads together take a tenth of a second. A crystal needs a few milliseconds (data
+/// sheets).
 const LOOKS: u32 = 200_000;
 
-/// Compares the chip's own number (`DEV_ID`; RM0390 33.6.1, RM0090 38.6.1) with `expected`.
+/// Compares the number of this chip's type, `DEV_ID`, with `expected` (RM0390 33.6.1, RM0090 38.6.1). If they differ,
+/// the board reports it and stops.
 pub fn expect_chip(dbgmcu: &pac::DBGMCU, expected: u32, replies: &mut UpLink) {
     let id = u32::from(dbgmcu.idcode().read().dev_id().bits());
     if id != expected {

@@ -1,7 +1,9 @@
-//! Force by DAC1 on PA4: 12 bits for 0 to 3.3 V. Its buffer gives some 0.2 to 3.1 V. Zero force is in the middle.
+//! The force output is DAC1 on PA4. Its 12 bits stand for 0 to 3.3 V, but its buffer reaches only some 0.2 to 3.1 V.
+//! Zero force is in the middle of the range.
 //!
-//! With the buffer off the output impedance is 15 kOhm. With the buffer on the output settles in at most 6 us (data
-//! sheet, 5 kOhm and 50 pF). A store changes the output 1 APB1 cycle later, without a preload.
+//! The buffer is on. With the buffer off the output impedance would be 15 kOhm. With the buffer on the output settles
+//! in at most 6 us (data sheet, 5 kOhm and 50 pF). There is no preload: the output changes one APB1 cycle after the
+//! store.
 
 use stm32f4xx_hal::{
     dac::{C1, DacExt, DacOut, DacPin},
@@ -18,7 +20,7 @@ pub const ZERO: u16 = 2048;
 pub struct Output(C1);
 
 impl Output {
-    /// The DAC at zero force.
+    /// Starts the DAC with the code of zero force.
     pub fn new(dac: pac::DAC, pin: PA4<Analog>, rcc: &mut Rcc) -> Self {
         let mut channel = dac.constrain(pin, rcc);
         channel.set_value(ZERO);
@@ -28,7 +30,7 @@ impl Output {
 }
 
 impl ForceOutput for Output {
-    /// The core has clamped the code to 1 ..= 4095.
+    /// Writes the code to the DAC. The control core has clamped it to 1 ..= 4095.
     #[inline(always)]
     fn write(&mut self, command: OutputCode, mirrored: bool) {
         let code = u16::try_from(command.code()).unwrap_or(ZERO);
@@ -44,30 +46,34 @@ impl ForceOutput for Output {
         }
     }
 
-    /// A DAC has no clock of its own.
+    /// Does nothing, because a DAC has no clock of its own that must be started.
     fn start() {}
 }
 
-/// Codes within what the buffer can give (0.2 to 3.1 V).
+/// The self-test sets the codes `LEAST + n * STEP`, for `n` from 0 to `STEPS - 1`. The buffer can reach all of them
+/// (0.2 to 3.1 V).
 const LEAST: u32 = 320;
 const STEP: u32 = 230;
 const STEPS: u32 = 16;
-/// Errors of DAC and converter together: offset, gain and linearity, 1 % of the range (data sheets).
+/// The largest allowed difference between the written code and the code that the ADC reads: 1 % of the range. It covers
+/// offset, gain and linearity of both converters (data sheets).
 const ALLOWED: u32 = 40;
 
-/// Core cycles until the output has settled: 10 us.
+/// Number of core cycles until the output has settled, 10 us.
 const SETTLE: u32 = 1800;
-/// Reads of the converter's flag before giving up. A conversion takes some 2 us.
+/// Number of times that the ADC's flag is read before the test gives up. A conversion takes some 2 us.
 const LOOKS: u32 = 1000;
 
-/// Codes that the buffer surely reaches: 0.2 V from either end of 3.3 V (data sheet).
+/// The lowest and the highest code that the buffer surely reaches. They are 0.2 V away from 0 V and from 3.3 V (data
+/// sheet).
 pub const SWING: [i32; 2] = [248, 3847];
 
-/// If the converter does not answer for a code, the reading counts as 0.
+/// Sets the test codes and reads each one back with the ADC. If the ADC does not answer for a code, the reading counts
+/// as 0.
 pub fn test() -> Found {
     let adc = read_back::output_sense();
     let read = |code: u32| {
-        // Without the mask an output of `render` would overwrite the code with zero force.
+        // `render` is masked. Otherwise its next output would overwrite the code with that of zero force.
         mask::with_lower_tasks_masked(|| {
             // SAFETY: a documented value; enable is off.
             unsafe { (*pac::DAC::ptr()).dhr12r1().write(|w| w.bits(code)) };

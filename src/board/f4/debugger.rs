@@ -2,8 +2,8 @@
 //!
 //! While the core is halted, TIM1 switches its outputs off. TIM1 and the sampling timer stand still, so they stay in
 //! phase. The watchdog and TIM6 run on. The manuals say that the outputs are off "as if" MOE were reset. If MOE is only
-//! masked, the last force acts again with the first instruction after the halt. Debuggers clear the core's own flag of
-//! a halt (DFSR). So a halt is found by the time that passes without samples.
+//! masked, the last force acts again with the first instruction after the halt. The core has a flag that shows a halt
+//! (DFSR), but debuggers clear it. So the program detects a halt by the time that passes without samples.
 
 use stm32f4xx_hal::{
     pac,
@@ -14,23 +14,24 @@ use zwidth::{
     safety::{HaltWatch, RateWatch},
 };
 
-/// Timers of APB1 that stop in a halt: TIM5 (bit 3) and TIM3 (bit 1). TIM3 must stay in phase with TIM5 if it captures
-/// edges. TIM6 (bit 4) and the watchdog (bit 12) run on.
+/// Bits of the timers on APB1 that stop in a halt. They are TIM5 (bit 3) and TIM3 (bit 1). TIM3 must stay in phase with
+/// TIM5 if it captures edges. TIM6 (bit 4) and the watchdog (bit 12) run on.
 const STOPPED_APB1: u32 = 1 << 3 | 1 << 1;
-/// Timer of APB2 that stops in a halt: TIM1.
+/// Bit of the timer on APB2 that stops in a halt. It is TIM1.
 const STOPPED_APB2: u32 = 1;
 
 /// TIM6, which counts on while the core is halted.
 pub struct Halts {
     watch: HaltWatch,
     rate: RateWatch<{ HaltWatch::TICKS_PER_SAMPLE }>,
-    /// Clock and sample at the last check of the rate. The next field: whether a halt came since.
+    /// TIM6's count and the sample's number at the last check of the rate. `halted` says whether a halt was found since
+    /// then.
     looked: (u16, u64),
     halted: bool,
 }
 
 impl Halts {
-    /// A running timer. `clock_hz`: clock of APB1's timers.
+    /// Starts TIM6. `clock_hz` is the clock of the timers on APB1.
     pub fn new(timer: pac::TIM6, clock_hz: u32, rate_hz: u32, rcc: &mut Rcc) -> Self {
         pac::TIM6::enable(rcc);
         pac::TIM6::reset(rcc);
@@ -76,8 +77,8 @@ impl DebugHalts for Halts {
     }
 }
 
-/// Sets the bits of the timers that stop in a halt. Called with every output, because scripts of debuggers may write
-/// other bits. OpenOCD's script for these chips also stops the watchdog.
+/// Sets the bits for the timers that stop in a halt. It is called with every output, because a debugger's script may
+/// write other bits. For example, OpenOCD's script for these chips also stops the watchdog.
 #[inline(always)]
 fn stop_with_the_core() {
     // SAFETY: documented values of two registers that nothing else in this program writes.
@@ -88,7 +89,7 @@ fn stop_with_the_core() {
     }
 }
 
-/// The debug clock stays on in sleep, because several probes lose RTT otherwise.
+/// Keeps the debug clock on while the core sleeps. Without it several probes lose RTT.
 pub(in crate::board) fn set_up(dbgmcu: &pac::DBGMCU) {
     dbgmcu.cr().modify(|_, w| w.dbg_sleep().set_bit());
     stop_with_the_core();

@@ -1,4 +1,5 @@
-//! Times of the encoder's edges: TIM3 captures both edges of A on channel 1 and of B on channel 2.
+//! Measures the times of the encoder's edges. TIM3 captures the rising and falling edges of A on channel 1, and those
+//! of B on channel 2.
 //!
 //! TIM3 has the clock and the input filter of TIM2, which counts the edges. So both timers see an edge with the same
 //! delay. TIM3's polarity does not matter: `encoder -` changes only TIM2, and the direction of an edge follows from the
@@ -14,21 +15,22 @@ use zwidth::velocity::{Captures, Edge, EdgeTimer};
 
 use super::f4::encoder::{EdgeTimes, FILTER};
 
-/// Each channel takes its own input (`CCxS` = 01), through the filter.
+/// CCMR1: each channel captures its own input (`CCxS` = 01), behind the filter.
 const INPUTS: u32 = 0b01 << 8 | 0b01 | FILTER << 12 | FILTER << 4;
-/// Both channels on, at both edges: `CCxE`, `CCxP`, `CCxNP`.
+/// CCER: both channels are on and capture rising and falling edges (`CCxE`, `CCxP`, `CCxNP`).
 const BOTH_EDGES: u32 = 0b1011 << 4 | 0b1011;
-/// Flags in SR: a capture that was not read yet.
+/// SR: each flag says that its channel has a capture that was not read yet.
 const CAPTURED: [u32; 2] = [1 << 1, 1 << 2];
 
-/// The capturing timer. `TICKS`: timer ticks per sample. Like TIM2 and TIM5, TIM3 runs at half the core's clock.
+/// The timer that captures the edges. `TICKS` is the number of its ticks per sample. Like TIM2 and TIM5, TIM3 runs at
+/// half the core's clock.
 pub struct Edges<const TICKS: u32> {
     timer: pac::TIM3,
     edges: EdgeTimer<TICKS>,
 }
 
 impl<const TICKS: u32> Edges<TICKS> {
-    /// Starts to capture. A and B are the signals of the encoder's counter, on pins of TIM3.
+    /// Starts to capture edges. `a` and `b` are pins of TIM3. They carry the same encoder signals as the pins of TIM2.
     pub fn new(
         timer: pac::TIM3,
         a: impl Into<<pac::TIM3 as CPin<0>>::Ch<PushPull>>,

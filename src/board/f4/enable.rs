@@ -21,8 +21,8 @@ use stm32f4xx_hal::{
 };
 use zwidth::contract;
 
-/// `LOCK` level 3. Break input on, active high: a normally closed switch to ground, so open is a stop. Idle levels
-/// driven. MOE clear.
+/// BDTR with MOE clear, `LOCK` level 3, and idle levels that are driven. The break input is on and active high: the
+/// switch of the stop is normally closed to ground, so an open switch means stop.
 pub(super) const OFF: u32 = 0b11 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13;
 /// [`OFF`] with MOE set. While the break input is active, the hardware clears MOE again.
 const ON: u32 = OFF | 1 << 15;
@@ -39,8 +39,8 @@ pub(super) fn blink(pin: super::pin::BoardPin) -> (bool, bool) {
     (on, pin.is_high())
 }
 
-/// Sets MOE and returns the core cycles until hardware clears it; `None` if MOE is still set after `cycles`. An open
-/// emergency stop clears MOE at once. Call it with the tasks masked and the force at zero.
+/// Sets MOE, and returns the number of core cycles until hardware clears it. Returns `None` if MOE is still set after
+/// `cycles`. An open emergency stop clears MOE at once. Call it with the tasks masked and the force at zero.
 pub(super) fn drops_within(cycles: u32) -> Option<u32> {
     // SAFETY: a documented value of the register.
     registers().bdtr().write(|w| unsafe { w.bits(ON) });
@@ -61,14 +61,15 @@ pub(super) fn drops_within(cycles: u32) -> Option<u32> {
 /// Flag in SR: the break input was active. It stays set until it is cleared.
 const BREAK: u32 = 1 << 7;
 
-/// TIM1's registers, for the few stores that must work from everywhere.
+/// TIM1's registers, for the few stores that any task or handler must be able to make.
 pub(in crate::board) fn registers() -> &'static pac::tim1::RegisterBlock {
     // SAFETY: the address is TIM1's. Outside `init` this program only stores whole constants
     // into BDTR, SR, CR1 and CNT and compare values into CCR1 and CCR2, never a modified reading.
     unsafe { &*pac::TIM1::ptr() }
 }
 
-/// Channel 3 of TIM1, at a constant high level that MOE gates.
+/// The enable line, on channel 3 of TIM1. The channel is always high, and MOE decides whether this level reaches the
+/// pin.
 pub struct Enable(());
 
 impl Enable {

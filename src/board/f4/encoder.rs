@@ -15,11 +15,11 @@ use super::set_up;
 pub(in crate::board) const FILTER: u32 = 0b0011;
 
 pub trait EdgeTimes {
-    /// The latest edge in `count`, which was read from `counter` just now.
+    /// Returns the last edge that `count` includes. `count` was read from `counter` just before.
     fn latest(&mut self, count: u32, counter: &pac::TIM2) -> Option<Edge>;
 }
 
-/// A board without edge times.
+/// For a board that does not measure edge times.
 impl EdgeTimes for () {
     #[inline(always)]
     fn latest(&mut self, _: u32, _: &pac::TIM2) -> Option<Edge> {
@@ -34,7 +34,7 @@ pub struct Encoder<E = ()> {
 }
 
 impl<E> Encoder<E> {
-    /// A counter at 0 that does not count yet.
+    /// Sets up the counter at 0. It does not count yet.
     pub fn new(
         timer: pac::TIM2,
         a: impl Into<<pac::TIM2 as CPin<0>>::Ch<PushPull>>,
@@ -71,7 +71,8 @@ impl<E: EdgeTimes> contract::Encoder for Encoder<E> {
         (count, Senses { edge: self.edges.latest(count, &self.timer), ..Senses::NONE })
     }
 
-    /// Sets TI1's polarity (reference manual, TIMx_CCER, CC1P). The position's zero is lost.
+    /// Sets the direction of counting by the polarity of TI1 (reference manual, TIMx_CCER, CC1P). The zero of the
+    /// position is lost.
     fn turn(reversed: bool) {
         // SAFETY: of this timer `sample` only reads the counter, and nothing else writes this register.
         let timer = unsafe { &*pac::TIM2::ptr() };

@@ -27,7 +27,8 @@ unsafe fn NonMaskableInt() -> ! {
     end(Fault::ClockFailure)
 }
 
-/// An exception without a task: a flipped bit in the NVIC, or in the vector table's address.
+/// Handles each exception that has no task. It can only come if a bit has flipped in the NVIC or in the address of the
+/// vector table.
 // SAFETY: as HardFault.
 #[exception]
 unsafe fn DefaultHandler(_: i16) -> ! {

@@ -1,4 +1,5 @@
-//! Backup RAM keeps the first fault over a reset, but not over a loss of power, because its regulator stays off.
+//! Keeps the first fault in the backup RAM. The record survives a reset. It does not survive a loss of power, because
+//! the regulator of the backup RAM stays off.
 
 use core::ptr;
 
@@ -45,8 +46,8 @@ fn write(words: &[u32; FaultRecord::WORDS]) {
     unsafe { ptr::write_volatile(ADDRESS, *words) }
 }
 
-/// Notes a fault from the panic and fault handlers. If the force was on, the record also states that this fault
-/// switched the force off.
+/// Notes a fault. Only the panic and fault handlers call it. If the force was on, the record also states that this
+/// fault switched the force off.
 pub(in crate::board) fn note(fault: Fault) {
     let record = match FaultRecord::from_words(&read()) {
         Some(record) if record.fault == Fault::ResetWhileArmed => record.renamed(fault),

@@ -1,8 +1,8 @@
 //! Flash sectors 1 and 2, 16 KiB each, for the settings records of [`zwidth::store`].
 //!
-//! The core stalls while flash is programmed (16 us a word) or erased (up to 0.5 s, by words). So both happen only with
-//! the force off, and the watchdog gets more time. The HAL's driver is not used: it panics where this driver returns an
-//! error.
+//! The core stalls while flash is programmed or erased. A word takes 16 us to program, and a sector up to 0.5 s to
+//! erase. So both happen only with the force off, and the watchdog gets more time. The HAL's driver is not used: it
+//! panics where this driver returns an error.
 
 use core::ptr;
 
@@ -17,22 +17,23 @@ use super::watchdog;
 const FLASH: usize = 0x0800_0000;
 const SECTOR_BYTES: usize = 16 * 1024;
 const WORD_BYTES: usize = size_of::<u32>();
-/// Bits of CR: program, sector erase, sector number, 32 bits at a time, start, lock.
+/// Bits of CR, in this order: program, erase a sector, the sector's number, program 32 bits at a time, start, lock.
 const PG: u32 = 1;
 const SER: u32 = 1 << 1;
 const SNB: u32 = 3;
 const PSIZE_32: u32 = 2 << 8;
 const STRT: u32 = 1 << 16;
 const LOCK: u32 = 1 << 31;
-/// Bits of SR: end of operation and all errors (cleared by writing them), busy.
+/// Bits of SR. `FLAGS` are the end of an operation and all errors; a write of 1 clears them. `ERRORS` are only the
+/// errors. `BSY` says that the controller is busy.
 const FLAGS: u32 = 0xF3;
 const ERRORS: u32 = 0xF2;
 const BSY: u32 = 1 << 16;
 
 pub struct SettingsFlash(pac::FLASH);
 
-/// The word at an offset from the beginning of sector 1. [`check_read`] or a similar check must have accepted the
-/// offset.
+/// Address of the word at this offset from the beginning of sector 1. [`check_read`] or a similar check must have
+/// accepted the offset.
 fn word_at(offset: u32) -> *mut u32 {
     ptr::with_exposed_provenance_mut(FLASH + SECTOR_BYTES + offset as usize)
 }
@@ -105,7 +106,7 @@ impl NorFlash for SettingsFlash {
     const WRITE_SIZE: usize = WORD_BYTES;
     const ERASE_SIZE: usize = SECTOR_BYTES;
 
-    /// Writes word by word; each word restarts the watchdog's time.
+    /// Writes the bytes word by word. Before each word the watchdog's time starts again.
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
         check_write(self, offset, bytes.len())?;
         let (words, _) = bytes.as_chunks::<WORD_BYTES>();

@@ -45,9 +45,9 @@ use super::super::{common::rtt, off};
 /// Values and parts that differ from board to board.
 pub trait Wiring: Sized {
     const NAME: &'static str;
-    /// Core clock, Hz. The timers of APB1 run at half of it.
+    /// Core clock, in Hz. The timers of APB1 run at half of it.
     const CORE_HZ: u32;
-    /// Level of the supply detector (PLS, three bits): the flash has to work down to this voltage.
+    /// Level of the supply detector (PLS, three bits). The flash must still work at this voltage.
     const SUPPLY_LEVEL: u8;
     const OUTPUT: Output;
     const ENABLE: pin::BoardPin;
@@ -56,7 +56,8 @@ pub trait Wiring: Sized {
     const CHIP: u32;
     /// Level of the brown-out reset for the board's supply (`BOR_LEV` of the option bytes).
     const BROWN_OUT_RESET: u32;
-    /// Codes that the force output surely reaches, see [`ReadBack::SWING`](zwidth::contract::ReadBack::SWING).
+    /// The lowest and the highest code that the force output surely reaches. See
+    /// [`ReadBack::SWING`](zwidth::contract::ReadBack::SWING).
     const SWING: Option<[i32; 2]>;
     const SENSES: &'static [Sense];
     const LATENCY_SAMPLES: f64;
@@ -122,26 +123,26 @@ impl<W: Wiring> Board for F4<W> {
     }
 }
 
-/// The chip with its clock on and TIM1's outputs off; the pins are still inputs.
+/// The chip after [`Chip::start`]. Its clock is on, TIM1's outputs are off, and the pins are still inputs.
 pub struct Chip {
-    /// For the pins and peripherals that the board sets up.
+    /// The clock controller. The board's file needs it to set up pins and peripherals.
     pub rcc: Rcc,
     enable: enable::Enable,
     reset_cause: ResetCause,
     link: rtt::Channels,
 }
 
-/// Parts that the board's own file has set up.
+/// The parts that the board's own file sets up before it calls [`Chip::finish`].
 pub struct Wires<W: Wiring> {
-    /// Force output, at zero force.
+    /// The force output. It is at zero force.
     pub force: W::Force,
-    /// Encoder, at 0 and not counting yet.
+    /// The encoder. Its count is 0, and it does not count yet.
     pub encoder: W::Encoder,
     /// TIM1's break input with its pull-up on. The program can also read this pin.
     pub stop: W::StopInput,
 }
 
-/// Peripherals that every such board hands over.
+/// The peripherals that the board's file does not use. Every board with an STM32F4 passes them to [`Chip::finish`].
 pub struct Peripherals {
     /// Timer of the samples.
     pub tim5: pac::TIM5,
@@ -149,11 +150,11 @@ pub struct Peripherals {
     pub tim6: pac::TIM6,
     /// Timer of the output watchdog.
     pub tim8: pac::TIM8,
-    /// Stores for the output watchdog.
+    /// DMA controller that switches off for the output watchdog.
     pub dma2: pac::DMA2,
     /// Detector of a low supply.
     pub pwr: pac::PWR,
-    /// Interrupt of the supply's detector.
+    /// Interrupt of the supply detector.
     pub exti: pac::EXTI,
     /// Flash for the settings.
     pub flash: pac::FLASH,
@@ -161,9 +162,9 @@ pub struct Peripherals {
 }
 
 impl Chip {
-    /// Starts RTT, then the clock that `clock` describes. The 8 MHz come from a crystal, or from another chip
-    /// (`external`). If the 8 MHz are missing, or if the chip is wrong, the board reports it and stops here with all
-    /// outputs off.
+    /// Starts RTT, then the clock that `clock` describes. It is made from 8 MHz, which come from a crystal, or with
+    /// `external` from another chip. If the 8 MHz are missing, or if the chip is wrong, the board reports it and stops
+    /// here with all outputs off.
     pub fn start<W: Wiring>(
         rcc: pac::RCC,
         clock: Config,
@@ -187,7 +188,7 @@ impl Chip {
         Self { rcc, enable, reset_cause, link }
     }
 
-    /// Sets up the rest. The timers do not run yet, but the watchdog does.
+    /// Sets up the remaining parts. The independent watchdog runs from here on. The timers do not run yet.
     pub fn finish<W: Wiring>(self, wires: Wires<W>, rest: Peripherals) -> Parts<F4<W>> {
         let Self { mut rcc, enable, reset_cause, link } = self;
         let Peripherals { tim5, tim6, tim8, dma2, pwr, exti, flash, iwdg } = rest;

@@ -1,8 +1,8 @@
-//! The output watchdog: enable stays active only while outputs come.
+//! The output watchdog switches the enable line off when the program stops writing outputs.
 //!
 //! TIM8 counts microseconds from the last output. At [`OUTPUT_WATCHDOG_US`] its update event requests a transfer from
-//! DMA2 (stream 1, channel 7: TIM8_UP, RM0090 table 43, RM0390 9.3.3). DMA2 stores the word of `off` into TIM1's BDTR.
-//! Then MOE is clear, and only `arm` sets it again. This path uses no core, no interrupt and no pin:
+//! DMA2 (stream 1, channel 7: TIM8_UP, RM0090 table 43, RM0390 9.3.3). DMA2 then stores into TIM1's BDTR the word that
+//! `off` stores there. This clears MOE, and only `arm` sets it again. This path uses no core, no interrupt and no pin:
 //!
 //! ```text
 //! outputs    | | | | |                                      (1 ms)
@@ -32,15 +32,17 @@ use super::enable;
 /// The word that DMA2 stores. It is in RAM, which DMA2 reaches on all these chips. Nothing writes it.
 static OFF: AtomicU32 = AtomicU32::new(enable::OFF);
 
-/// The timer's clock after its prescaler, Hz.
+/// The timer's clock after its prescaler, in Hz.
 const TICK_HZ: u32 = 1_000_000;
 const _: () = assert!(OUTPUT_WATCHDOG_US < 1 << 16, "TIM8 has 16 bits");
 
-/// CR1: the timer counts. Only an overflow requests an update (`URS`). The event that loads the prescaler does not.
+/// CR1: the timer counts. Only an overflow requests a transfer (`URS`). The event that loads the prescaler at set-up
+/// requests none.
 const RUNNING: u32 = 1 << 2 | 1;
-/// DIER: the update event requests a transfer (`UDE`), and no interrupt.
+/// DIER: the update event requests a DMA transfer (`UDE`). It requests no interrupt.
 const REQUESTS: u32 = 1 << 8;
-/// The stream: channel 7, very high priority, words on both sides, fixed addresses, circular, memory to peripheral.
+/// CR of the stream: channel 7, very high priority, words in memory and in the peripheral, fixed addresses, circular,
+/// from memory to peripheral.
 const STREAM: u32 = 7 << 25 | 0b11 << 16 | 0b10 << 13 | 0b10 << 11 | 1 << 8 | 0b01 << 6;
 /// Number of the DMA stream.
 const NUMBER: usize = 1;
@@ -48,17 +50,17 @@ const NUMBER: usize = 1;
 /// Flag in SR (`UIF`): the timer has overflown.
 const OVERFLOWN: u32 = 1;
 
-/// TIM8, counting at the clock of APB2. The sample timer has the clock of APB1. So `rate_is_wrong` finds a changed
-/// divider of one bus, and a count that stands still.
+/// TIM8. Its clock comes from APB2, but the clock of the sample timer comes from APB1. So `rate_is_wrong` compares the
+/// two: it finds a changed divider of one bus, and a count that stands still.
 pub struct OutputWatchdog {
     timer: pac::TIM8,
     rate: RateWatch<{ TICK_HZ / RATE_HZ }>,
-    /// Number of the last output's sample.
+    /// Number of the sample at which the last output was written.
     sample: u32,
 }
 
 impl OutputWatchdog {
-    /// A watchdog that runs from now on. BDTR of TIM1 must be as `off` leaves it.
+    /// Starts the watchdog. Call it when TIM1's BDTR has the value that `off` stores.
     pub fn new(timer: pac::TIM8, dma: &pac::DMA2, rcc: &mut Rcc) -> Self {
         pac::DMA2::enable(rcc);
         pac::DMA2::reset(rcc);
@@ -84,7 +86,7 @@ impl OutputWatchdog {
     }
 }
 
-/// Restarts the count, as each output does.
+/// Starts the count again from zero. Each output does this.
 #[inline(always)]
 pub(super) fn begin_anew() {
     // SAFETY: the address is TIM8's; any 16-bit value is a count, and nothing else writes it.

@@ -1,4 +1,5 @@
-//! Access to a pin by its port, whichever peripheral drives it: reads its level, or holds it low.
+//! Reads the level of a pin or holds it low, directly by the registers of its port. It does not matter which peripheral
+//! drives the pin.
 
 use core::ptr;
 
@@ -10,16 +11,17 @@ pub struct BoardPin {
     number: u32,
 }
 
-/// GPIOA; the ports follow each other.
+/// Address of GPIOA. The other ports follow, `PORT_BYTES` apart.
 const GPIOA: u32 = 0x4002_0000;
 const PORT_BYTES: u32 = 0x400;
-/// MODER of a port, its inputs, and the register that sets and clears its outputs.
+/// Offsets of three registers of a port: the modes of its pins (MODER), their levels (IDR), and the register that sets
+/// and clears outputs (BSRR).
 const MODE: u32 = 0x00;
 const INPUT: u32 = 0x10;
 const SET_CLEAR: u32 = 0x18;
 
 impl BoardPin {
-    /// The pin with the data sheet's name: port letter and number.
+    /// The pin whose name in the data sheet has this port letter and this number.
     pub const fn new(port: char, number: u32) -> Self {
         Self { port: GPIOA + PORT_BYTES * (port as u32 - 'A' as u32), number }
     }
@@ -34,7 +36,7 @@ impl BoardPin {
         self.read(INPUT) >> self.number & 1 != 0
     }
 
-    /// Drives the pin low by its port, whatever its mode was.
+    /// Makes the pin an output of its port and drives it low, whatever its mode was before.
     #[cold]
     pub fn hold_low(self) {
         let Self { port, number } = self;

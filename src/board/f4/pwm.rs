@@ -1,10 +1,10 @@
-//! Force by sign-magnitude PWM of TIM1: the magnitude on channel 1, the sign on channel 2.
+//! The force output is a sign-magnitude PWM of TIM1. Channel 1 carries the magnitude, channel 2 the sign.
 //!
-//! The PWM runs at 40 kHz: four periods per sample, in phase with the sampling timer and [`LEAD_CYCLES`] behind it.
-//! Both compare registers are preloaded. The sign is itself a PWM of 0 or 100 %. No update comes between the two stores
-//! of a command, so the whole command acts with the next PWM period. A command that is written within [`LEAD_CYCLES`]
-//! of its sample acts [`LEAD_CYCLES`] after the sample. A command that is written after that time acts one PWM period
-//! (25 us) later.
+//! The PWM runs at 40 kHz, so a sample has four PWM periods. They are in phase with the sampling timer, and begin
+//! [`LEAD_CYCLES`] after it. Both compare registers are preloaded. The sign is itself a PWM of 0 or 100 %. No update
+//! comes between the two stores of a command, so the whole command acts with the next PWM period. A command that is
+//! written within [`LEAD_CYCLES`] of its sample acts [`LEAD_CYCLES`] after the sample. A command that is written after
+//! that time acts one PWM period (25 us) later.
 
 use stm32f4xx_hal::{gpio::PushPull, pac, timer::CPin};
 use zwidth::{contract::ForceOutput, self_test::Found, units::OutputCode};
@@ -14,20 +14,21 @@ use super::f4::{enable, pin::BoardPin};
 
 /// PWM periods per sample.
 pub const PER_SAMPLE: u32 = 4;
-/// Core cycles from the sampling timer's update to the PWM timer's update. `tests/elf/control` checks that every
-/// command is in its registers before the second update.
+/// Core cycles from the sampling timer's update to the PWM timer's update. `tests/elf/control` checks that the
+/// registers hold every command before the PWM timer's update.
 pub const LEAD_CYCLES: u32 = 2352; // 14 us
 
-/// CR1 while the timer runs: counter enabled, period preloaded.
+/// CR1 while the timer runs: the counter is enabled, and the period is preloaded.
 const RUNNING: u32 = 1 | 1 << 7;
-/// The same register: no update events.
+/// Bit of CR1 that blocks update events.
 const UPDATE_DISABLE: u32 = 1 << 1;
 
 pub struct Output(());
 
 impl Output {
-    /// PWM of zero force with `steps` timer ticks per period. TIM1 must have its clock, and does not run yet. A period
-    /// must be longer than [`LEAD_CYCLES`], see `start`.
+    /// Sets up the PWM with `steps` timer ticks per period and zero force. TIM1 must already have its clock, and must
+    /// not run yet. A period must be longer than [`LEAD_CYCLES`], because of the count at which `start` starts the
+    /// timer.
     pub fn new(
         magnitude: impl Into<<pac::TIM1 as CPin<0>>::Ch<PushPull>>,
         sign: impl Into<<pac::TIM1 as CPin<1>>::Ch<PushPull>>,
@@ -49,14 +50,14 @@ impl Output {
 }
 
 impl ForceOutput for Output {
-    /// Acts from the next PWM period on. The core has clamped the code to +-steps.
+    /// Writes the code. It acts from the next PWM period on. The control core has clamped it to +-steps.
     #[inline(always)]
     fn write(&mut self, command: OutputCode, mirrored: bool) {
         let code = command.code();
         let sign = if (code < 0) != mirrored { u32::from(u16::MAX) } else { 0 };
         let cr1 = enable::registers().cr1();
-        // An update between the two stores would give the new magnitude the old sign for one period. So such an update
-        // is skipped. SAFETY: documented values.
+        // If an update came between the two stores, the new magnitude would have the old sign for one period. So
+        // updates are blocked during the two stores. SAFETY: documented values.
         unsafe {
             cr1.write(|w| w.bits(RUNNING | UPDATE_DISABLE));
             set(code.unsigned_abs(), sign);
@@ -76,7 +77,7 @@ impl ForceOutput for Output {
         }
     }
 
-    /// Acts from the next PWM period on.
+    /// Sets zero force. It acts from the next PWM period on.
     #[inline(always)]
     fn zero() {
         set(0, 0);
@@ -95,13 +96,14 @@ fn set(magnitude: u32, sign: u32) {
 
 /// The pins of magnitude and sign.
 const PINS: [BoardPin; 2] = [BoardPin::new('E', 9), BoardPin::new('E', 11)];
-/// Distance between two tested codes.
+/// Distance between two codes that the self-test sets.
 const STEP: usize = 600;
 
-/// Reads the compare values back, with enable off. If a pin does not stay low, the reading is all ones.
+/// Sets codes with enable off, and reads the compare registers back. If one of the two pins does not stay low, all bits
+/// of the reading are ones.
 pub fn test() -> Found {
     let read = |code: u32| {
-        // Without the mask an output of `render` would overwrite the code with zero force.
+        // `render` is masked. Otherwise its next output would overwrite the code with that of zero force.
         mask::with_lower_tasks_masked(|| {
             set(code, code);
             let tim1 = enable::registers();

@@ -1,8 +1,9 @@
-//! ADC1 reads the DAC's pin (PA4, ADC12_IN4), ADC2 the amplifier's voltage for its current (PB0, ADC12_IN8).
+//! ADC1 reads the pin of the DAC (PA4, ADC12_IN4). ADC2 reads the voltage with which the amplifier reports its current
+//! (PB0, ADC12_IN8).
 //!
 //! The program starts one conversion at a time (RM0390 13.3.4 and 13.13.3; RM0090 13.3.4 and 13.13.3). A conversion
-//! takes 28 cycles of sampling and 12 cycles of conversion at 22.5 or 21 MHz, some 1.8 us. Reading the data clears the
-//! flag of the conversion's end. So a converter that stands still gives no second reading.
+//! takes 28 cycles of sampling and 12 cycles of conversion at 22.5 or 21 MHz, some 1.8 us. A conversion sets a flag at
+//! its end, and reading its result clears the flag. So a converter that stands still gives no further readings.
 
 use core::marker::PhantomData;
 
@@ -11,17 +12,17 @@ use zwidth::{contract::ReadBack, safety::Readings};
 
 use super::Wiring;
 
-/// Bits of the control register: on, and begin.
+/// Bits of the control register CR2. `ON` switches the converter on, `BEGIN` starts a conversion.
 const ON: u32 = 1;
 const BEGIN: u32 = 1 << 30 | ON;
-/// Flag of a conversion's end.
+/// Flag in SR at the end of a conversion.
 const DONE: u32 = 1 << 1;
-/// 28 cycles of sampling, three bits per channel.
+/// Value of a channel's three bits in SMPR2, for 28 cycles of sampling.
 const SAMPLING: u32 = 0b010;
 
 pub struct Converters<W>(PhantomData<W>);
 
-/// ADC2, which has the registers of ADC1.
+/// ADC2, which reads the motor's current. Its registers have the layout of ADC1's.
 #[inline(always)]
 fn current_sense() -> &'static pac::adc1::RegisterBlock {
     // SAFETY: the address is ADC2's, which only this file uses.
@@ -70,7 +71,7 @@ pub fn begin(adc: &pac::adc1::RegisterBlock) {
     adc.cr2().write(|w| unsafe { w.bits(BEGIN) });
 }
 
-/// The reading, if the conversion has ended.
+/// Returns the reading, or `None` if the conversion has not ended yet.
 #[inline(always)]
 pub fn answer(adc: &pac::adc1::RegisterBlock) -> Option<u16> {
     let done = adc.sr().read().bits() & DONE != 0;

@@ -1,12 +1,13 @@
-//! Why the program starts: the reset flags of the RCC.
+//! Finds the cause of the last reset from the reset flags of the RCC.
 
 use stm32f4xx_hal::pac;
 use zwidth::safety::ResetCause;
 
-/// Reads the flags and clears them for the next time.
+/// Reads the flags, and clears them so that the next start sees only its own.
 pub(in crate::board) fn cause(rcc: &pac::RCC) -> ResetCause {
     let flags = rcc.csr().read();
-    // Several flags are set at once: each cause also pulls the reset pin, and a loss of power sets further flags.
+    // Several flags can be set at once. Each cause also pulls the reset pin, and a loss of power sets further flags. So
+    // the order of the checks matters.
     let cause = if flags.wdgrstf().bit_is_set() || flags.wwdgrstf().bit_is_set() {
         ResetCause::Watchdog
     } else if flags.sftrstf().bit_is_set() {

@@ -1,4 +1,4 @@
-//! The clock of the control: TIM5 requests samples at exactly equal intervals.
+//! The clock of the control loop. TIM5 requests samples at exactly equal intervals.
 
 use stm32f4xx_hal::{
     pac,
@@ -8,11 +8,11 @@ use zwidth::contract;
 
 use super::self_test;
 
-/// The sampling timer. Its update event pends the sampling task, interrupt `TIM5`.
+/// The sampling timer. Its update event requests the interrupt `TIM5`, which is the sampling task.
 pub struct SampleTimer(pac::TIM5);
 
 impl SampleTimer {
-    /// A timer that is not running yet, with `ticks` of its clock (half the core's) per sample.
+    /// Sets up the timer with `ticks` per sample. Its clock is half the core's. It does not run yet.
     pub fn new(timer: pac::TIM5, ticks: u32, rcc: &mut Rcc) -> Self {
         pac::TIM5::enable(rcc);
         pac::TIM5::reset(rcc);

@@ -1,5 +1,5 @@
-//! The self-test of chip and board. The force is off. The board cannot arm during a part of the test, because only the
-//! console gives orders, and the console itself runs the parts one by one.
+//! The self-test of chip and board. It runs with the force off. The board cannot arm during a part of the test: only
+//! the console gives the order to arm, and the console itself is running the parts, one by one.
 //!
 //! | part | how | manual |
 //! |---|---|---|
@@ -31,24 +31,24 @@ use crate::board::common::mask;
 /// TIM5's count when `sample` last read the encoder's counter.
 static READ_AT: AtomicU32 = AtomicU32::new(0);
 
-/// Notes the count; called by `sample`.
+/// Notes TIM5's count. `sample` calls it right after it has read the encoder.
 #[inline(always)]
 pub(super) fn note_reading(ticks: u32) {
     READ_AT.store(ticks, Relaxed);
 }
 
-/// Longest wait for the output watchdog, us.
+/// The longest time that the test waits for the output watchdog, in us.
 const LONGEST_US: u32 = OUTPUT_WATCHDOG_US * 3 / 2;
 
-/// The two pins of the wires: A, B.
+/// The pins of port C from which two wires lead to the encoder's inputs A and B.
 const WIRES: [u32; 2] = [6, 8];
 
-/// The self-test's peripherals are switched on at set-up and stay on, because their clock gates are compared with every
-/// output. The self-test uses the converter of `read_back.rs`.
+/// The self-test. The program compares the clock gates of all peripherals at every output. So the peripherals of the
+/// self-test are switched on at set-up and stay on. The self-test uses the ADC of `read_back.rs`.
 pub struct SelfTest<W>(PhantomData<W>);
 
 impl<W: Wiring> SelfTest<W> {
-    /// Switches on the clock of the wires' port.
+    /// Switches on the clock of port C, whose pins make the edges for the encoder's inputs.
     pub fn new(rcc: &mut Rcc) -> Self {
         rcc.ahb1enr().modify(|_, w| w.gpiocen().set_bit());
         Self(PhantomData)
@@ -57,8 +57,8 @@ impl<W: Wiring> SelfTest<W> {
 
 impl<W: Wiring> contract::SelfTest for SelfTest<W> {
     fn test(&mut self, part: Part) -> Found {
-        // At output period 1 the parts follow each other without a pause, and together take as long as the watchdog's
-        // time. So each part restarts the watchdog.
+        // At an output period of one sample the parts follow each other without a pause. Together they take as long as
+        // the watchdog waits. So each part restarts the watchdog.
         watchdog::renew();
         match part {
             Part::Chip => {
@@ -82,7 +82,7 @@ impl<W: Wiring> contract::SelfTest for SelfTest<W> {
     }
 }
 
-/// Addresses where the image may be. The next line: addresses where its stack may be.
+/// Allowed addresses of the image in flash. `RAM` has the allowed addresses for the top of its stack.
 const FLASH: core::ops::Range<u32> = 0x0800_0000..0x0808_0000;
 const RAM: core::ops::RangeInclusive<u32> = 0x2000_0000..=0x2002_0000;
 
@@ -111,7 +111,7 @@ fn enabled(pin: BoardPin, stop_closed: fn() -> bool) -> Found {
     })
 }
 
-/// Measures how long enable stays on without an output. `render` is masked, and the force is zero.
+/// Measures how long enable stays on when no output comes. `render` is masked for this, and the force is zero.
 fn without_outputs(core_hz: u32, stop_closed: fn() -> bool) -> Found {
     let mhz = core_hz / 1_000_000;
     mask::with_lower_tasks_masked(|| {
@@ -122,8 +122,8 @@ fn without_outputs(core_hz: u32, stop_closed: fn() -> bool) -> Found {
     })
 }
 
-/// Core cycles of the wait between edges. With the loop, the time between two edges is 22 to 30 cycles. The input
-/// filter needs 16 cycles.
+/// Core cycles that the loop waits between two edges. Together with the loop itself, two edges are 22 to 30 cycles
+/// apart. The input filter needs at least 16 cycles.
 const BETWEEN_EDGES: u32 = 6;
 
 /// Makes edges of A and B alternately, and counts them. Two edges are a fifth of a microsecond apart, or more after an
@@ -165,7 +165,8 @@ fn counted(core_hz: u32) -> Found {
     Found::Encoder { sent: EDGES, there, back, rate_hz, least_hz: 0 }
 }
 
-/// Collects the counts that `sample` notes, until there are enough.
+/// Measures the delay from the sample's request until the encoder is read. It collects the counts that `sample` notes,
+/// until there are enough.
 fn delays(core_hz: u32) -> Found {
     let mut times = [0; Delays::SAMPLES];
     let mut taken = 0;
@@ -180,17 +181,18 @@ fn delays(core_hz: u32) -> Found {
     Found::Delay(Delays::of(times.get(..taken).unwrap_or_default()))
 }
 
-/// Channel 4 captures its own input at rising edges: CC4S in CCMR2, CC4E in CCER, its flag in SR.
+/// Channel 4 captures its own input at rising edges. The values belong to CC4S in CCMR2, to CC4E in CCER, and to the
+/// channel's flag in SR.
 const CAPTURES: u32 = 0b01 << 8;
 const CAPTURE_ON: u32 = 1 << 12;
 const CAPTURED: u32 = 1 << 4;
-/// The input of channel 4 is LSI: `TI4_RMP` in OR.
+/// Value of `TI4_RMP` in OR that connects channel 4 to the oscillator LSI.
 const FROM_LSI: u32 = 0b01 << 6;
-/// Edges that are measured.
+/// Number of periods of LSI that are measured.
 const PERIODS: u32 = 32;
 
-/// Frequency of LSI, measured by the sample timer. A late capture makes a distance longer, never shorter, so the
-/// shortest distance is used.
+/// Measures the frequency of the oscillator LSI with the sample timer. If a capture is read late, an edge is missed,
+/// and the measured distance is longer, never shorter. So the shortest distance is used.
 fn oscillator_hz(timer_hz: u32) -> u32 {
     // SAFETY: the address is TIM5's.
     let timer = unsafe { &*pac::TIM5::ptr() };

@@ -1,4 +1,5 @@
-//! Reads back, with every output, the registers that decide whether a force acts, when it acts and which force it is.
+//! Reads back registers with every output. These registers decide whether a force acts, when it acts and which force it
+//! is.
 //!
 //! The program sets these registers up once and must not change them later. A checksum folds all these registers into
 //! one word. A flipped bit in any register changes this word. Bits that change while the program runs are masked out.
@@ -38,39 +39,40 @@ const EXTI: u32 = 0x4001_3C00;
 const SCB: u32 = 0xE000_ED00;
 const NVIC: u32 = 0xE000_E100;
 
-/// In TIM2's CCER: the direction (CC1P).
+/// Bit of TIM2's CCER that sets the direction of counting (CC1P).
 const DIRECTION: u32 = 1 << 1;
 
-/// Folds registers into a sum. Each line has a base and offsets. All bits of a register are included, or the bits of a
-/// mask. The folding is written out line by line, because a loop over a table takes three times as long.
+/// Folds registers into a sum. Each line has a base address, and the offsets of its registers. A register counts with
+/// all its bits, or only with those of a mask that follows its offset. The folding is written out line by line, because
+/// a loop over a table takes three times as long.
 macro_rules! fold {
     ($sum:ident, $($base:expr => [$($offset:literal $(& $bits:expr)?),+];)+) => {
         $($($sum = $sum.rotate_left(1) ^ (read($base + $offset) $(& $bits)?);)+)+
     };
 }
 
-/// All these registers, folded into one word.
+/// Returns the checksum of all these registers.
 #[inline(always)]
 fn sum() -> u32 {
     let mut sum = 0u32;
-    // Clocks: HSE, its bypass, its security system, the PLL; the dividers, also of the timers (TIMPRE in DCKCFGR, not
-    // on the F407); the clock gates, awake and asleep.
+    // The clocks: HSE with its bypass and its security system, the PLL, and the dividers. DCKCFGR has the divider of
+    // the timers (TIMPRE), except on the F407. Then come the clock gates, for the core awake and asleep.
     fold! { sum,
         RCC => [0x00 & (1 << 16 | 1 << 18 | 1 << 19 | 1 << 24), 0x04, 0x08, 0x30, 0x40, 0x44, 0x50, 0x60, 0x64, 0x8C];
     }
-    // Wait states of the flash; voltage detector; its interrupt.
+    // The wait states of the flash, the voltage detector, and its interrupt.
     fold! { sum,
         FLASH => [0x00 & 0xF];
         POWER => [0x00];
         EXTI => [0x00, 0x08];
     }
-    // Pins: mode, push-pull, alternate function, the pull-up of the stop.
+    // The pins: their modes, output types, alternate functions, and the pull-up of the stop.
     fold! { sum,
         GPIOA => [0x00, 0x04, 0x20, 0x24];
         GPIOB => [0x00, 0x0C, 0x24];
         GPIOE => [0x00, 0x04, 0x0C, 0x24];
     }
-    // Enable and PWM: CR1, CR2, SMCR, CCMR1, CCMR2, CCER, PSC, ARR, RCR, BDTR but for MOE. DAC: CR.
+    // Enable and PWM: CR1, CR2, SMCR, CCMR1, CCMR2, CCER, PSC, ARR, RCR, BDTR without MOE. DAC: CR.
     fold! { sum,
         TIM1 => [0x00, 0x04, 0x08, 0x18, 0x1C, 0x20, 0x28, 0x2C, 0x30, 0x44 & (!(1 << 15))];
         DAC => [0x00];
@@ -80,7 +82,7 @@ fn sum() -> u32 {
         ADC => [0x04, 0x10, 0x2C, 0x34];
         ADC + 0x100 => [0x04, 0x10, 0x2C, 0x34, 0x204];
     }
-    // Encoder: CR1 but for DIR, CR2, SMCR, CCMR1, CCER, PSC, ARR.
+    // Encoder: CR1 without DIR, CR2, SMCR, CCMR1, CCER, PSC, ARR.
     fold! { sum,
         TIM2 => [0x00 & (!(1 << 4)), 0x04, 0x08, 0x18, 0x20 & !DIRECTION, 0x28, 0x2C];
     }
@@ -101,25 +103,25 @@ fn sum() -> u32 {
     fold! { sum,
         SCB => [0x08, 0x0C & 0x700, 0x1C, 0x20, 0x94, 0x9C, 0xA0];
     }
-    // Interrupts: which are on; priorities of the four tasks.
+    // The interrupts: which of them are on, and the priorities of the four tasks.
     fold! { sum,
         NVIC => [0x00, 0x04, 0x08, 0x300, 0x324, 0x330];
     }
     sum
 }
 
-/// Checksums of these registers, from the first check.
+/// The check of the registers. `expected` and `channels` are the checksums of the first check.
 pub struct SetUp {
     expected: Option<u32>,
     channels: Option<u32>,
-    /// The registers were wrong once. The sum alone does not show it, because the change of enable's pin can hide
-    /// another change.
+    /// The registers were wrong at an earlier check. The program then changed the mode of enable's pin itself. In the
+    /// sum this change could hide another one, so the fact is stored here.
     were_wrong: bool,
     enable: BoardPin,
 }
 
 impl SetUp {
-    /// Not set up yet.
+    /// A check without expected sums. The first check sets them.
     pub const fn new(enable: BoardPin) -> Self {
         Self { expected: None, channels: None, were_wrong: false, enable }
     }
@@ -143,8 +145,8 @@ impl contract::SetUp for SetUp {
         let sum = sum();
         let turned = read(TIM2 + 0x20) & DIRECTION != 0;
         let direction = turned == ENCODER_TURNED.load(Relaxed);
-        // Only the logger masks interrupts, and this task cannot run during that time. So a mask that this task finds
-        // set is wrong. That mask would keep `link` from running.
+        // Only the logger masks interrupts, and this task cannot run during that time. So if this task finds interrupts
+        // masked, that is an error. The mask would keep `link` from running.
         let unmasked = basepri::read() == 0;
         let whole = *self.expected.get_or_insert(sum) == sum;
         whole && direction && unmasked && output_watchdog::stores_off()
@@ -152,7 +154,7 @@ impl contract::SetUp for SetUp {
 
     #[cold]
     fn hold_enable_low(&mut self) {
-        // Changes the expected sums, so that no sum is right any more. This saves a check of `were_wrong` at each
+        // The expected sums are inverted, so that no later sum equals them. This saves a check of `were_wrong` at each
         // output.
         if !self.were_wrong {
             self.were_wrong = true;

@@ -1,4 +1,5 @@
-//! The stack's end: memory between the statics and the stack, where the memory protection unit allows no access.
+//! Guards the end of the stack. Between the statics and the stack there is a region where the memory protection unit
+//! allows no access.
 //!
 //! The stack grows down towards the statics. A task that overruns it causes a hard fault here, before it writes into
 //! the statics. At this fault the core cannot stack its registers. The handler does not need them, because the handler
@@ -7,15 +8,16 @@
 /// Bytes of the region. The region begins at a multiple of this number.
 const BYTES: u32 = 256;
 
-/// No access, no code; 2^(7 + 1) bytes; on (ARMv7-M, MPU_RASR).
+/// MPU_RASR (ARMv7-M): the region is on, has 2^(7 + 1) bytes, and allows neither access nor code.
 const REGION: u32 = 1 << 28 | 7 << 1 | 1;
-/// The register takes over the region's address, for region 0.
+/// MPU_RBAR: the written address belongs to region 0.
 const VALID: u32 = 1 << 4;
-/// The unit is on. The default map is used outside the region. The unit is off in the hard fault handler.
+/// MPU_CTRL: the unit is on. Outside the region the default memory map is used. In the hard fault handler the unit is
+/// off.
 const CONTROL: u32 = 1 << 2 | 1;
 
 unsafe extern "C" {
-    /// End of the statics (cortex-m-rt).
+    /// Symbol of cortex-m-rt at the end of the statics.
     static __sheap: u8;
 }
 

@@ -12,21 +12,22 @@ use stm32f4xx_hal::{
 };
 use zwidth::contract;
 
-/// The detector has found the supply low since the last call of `is_low`.
+/// Whether the detector has found a low supply since the last call of `is_low`.
 static DROPPED: AtomicBool = AtomicBool::new(false);
 
-/// EXTI's line of the detector.
+/// Bit of the detector's line in EXTI.
 const LINE: u32 = 1 << 16;
 
 pub struct Supply(pac::PWR);
 
 impl Supply {
-    /// Detector on, at that level (PLS, three bits).
+    /// Switches the detector on, at this level (PLS, three bits).
     pub fn new(pwr: pac::PWR, exti: &pac::EXTI, level: u8, rcc: &mut Rcc) -> Self {
         pac::PWR::enable(rcc);
         // SAFETY: all values of the field are documented.
         pwr.cr().modify(|_, w| unsafe { w.pls().bits(level & 0b111).pvde().set_bit() });
-        // The detector's output rises when the supply falls. SAFETY: a documented line.
+        // The line requests an interrupt at a rising edge, because the detector's output rises when the supply falls.
+        // SAFETY: a documented line.
         unsafe {
             exti.rtsr().modify(|r, w| w.bits(r.bits() | LINE));
             exti.imr().modify(|r, w| w.bits(r.bits() | LINE));

@@ -1,17 +1,18 @@
-//! The independent watchdog: a reset, hence outputs off, when the tasks stop running.
+//! The independent watchdog. When the tasks stop running, it resets the chip, and a reset switches all outputs off.
 //!
-//! It runs from its own 32 kHz oscillator (17 to 47 kHz over parts and temperature), also while a debugger has the core
-//! halted.
+//! It runs from its own oscillator, nominally 32 kHz. Between chips and temperatures this is 17 to 47 kHz. The watchdog
+//! also runs while a debugger has the core halted.
 
 use stm32f4xx_hal::pac;
 use zwidth::contract;
 
-/// Time without feeding until the reset, nominal. With the oscillator's spread it is 34 to 94 ms.
+/// Nominal time from the last feeding to the reset. Because the oscillator's frequency varies, the real time is 34 to
+/// 94 ms.
 const TIMEOUT_MS: u16 = 50;
 /// Nominal time until the reset during an erase of a settings sector. The erase stalls the core for up to 0.5 s.
 const PATIENT_MS: u16 = 2_000;
 
-/// Prescaler 32 of the 32 kHz clock: a tick is 1 ms.
+/// Code of prescaler 32. With the nominal 32 kHz a tick is 1 ms.
 const PRESCALER: u16 = 0b011;
 
 /// The watchdog, which is started already.
@@ -49,7 +50,8 @@ impl Watchdog {
 impl contract::Watchdog for Watchdog {
     fn feed(&mut self) {
         let iwdg = registers();
-        // While flash is written the time is longer, but this task does not run then.
+        // While flash is written, the time is longer. But this task does not run then, so another time found here is an
+        // error.
         if iwdg.rlr().read().bits() != TIMEOUT_MS || iwdg.pr().read().bits() != PRESCALER {
             set_timeout(TIMEOUT_MS);
         }

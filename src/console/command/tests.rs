@@ -1,4 +1,4 @@
-//! Every command is read, and other input is at worst refused.
+//! Tests that every command is understood, and that any other input is at most refused.
 
 use super::*;
 use crate::console::{LINE_MAX, Line, LineReader, REPLY_MAX, Text};
@@ -139,7 +139,7 @@ fn every_estimator_is_read_by_its_name() {
     }
 }
 
-/// Arbitrary bytes: half of them pieces of real commands.
+/// Arbitrary bytes. About half of them are pieces of real commands.
 fn input() -> impl Strategy<Value = std::vec::Vec<u8>> {
     let piece = prop_oneof![
         prop::collection::vec(any::<u8>(), 0..12),
@@ -171,7 +171,7 @@ fn input() -> impl Strategy<Value = std::vec::Vec<u8>> {
     prop::collection::vec(piece, 0..12).prop_map(|pieces| pieces.concat())
 }
 
-/// No input panics, numbers are finite, and every line has one reply of one line.
+/// Checks that no input panics, that all numbers are finite, and that every line gets one reply of one line.
 fn feed(cases: u32) {
     let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig {
         failure_persistence: None,

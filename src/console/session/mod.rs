@@ -1,4 +1,5 @@
-//! One session: bytes and reports in, lines, frames and orders out.
+//! One session of the console. It takes bytes from the host and reports from `render`. It gives lines, telemetry frames
+//! and orders.
 //!
 //! The console obeys one command at a time. If the task `render` has to decide, the console sends it an order. The
 //! reply waits for the answer, which comes with the next output.
@@ -29,7 +30,7 @@ pub(super) use self_test::SelfTestStep;
 use series::HitSeries;
 use stream::Stream;
 
-/// Most bytes that one pass takes: the whole channel.
+/// The largest number of bytes that one pass takes. The channel holds as many.
 const BYTES_A_PASS: usize = 256;
 
 /// Purpose of the order whose answer is awaited.
@@ -41,9 +42,10 @@ const BYTES_A_PASS: usize = 256;
 pub(super) enum Awaited {
     /// A command whose reply is its name.
     Done(&'static str),
-    /// Plan of a new output period. These settings are ordered after the plan.
+    /// An order for the settings that are counted in outputs, with a new output period. After it the settings here are
+    /// ordered.
     Period(Stored, ChangedSetting),
-    /// New settings: the settings to keep, and the reply.
+    /// An order for new settings. The fields are the settings that will be stored, and the change that the reply names.
     Settings(Stored, ChangedSetting),
     /// Permission to test this part.
     SelfTest(SelfTestStep),
@@ -53,7 +55,7 @@ pub(super) enum Awaited {
     Save,
     /// The next wall of a series, or the next hit.
     Series,
-    /// Nothing: no reply is due.
+    /// An order without a reply.
     Quiet,
 }
 
@@ -71,33 +73,33 @@ pub(super) enum ChangedSetting {
 pub struct Console<P> {
     pub(super) port: P,
     pub(super) device: &'static Device<'static>,
-    /// Copy of the device from the start. A comparison with the copy shows a changed bit. This matters, because every
-    /// order is made from the device.
+    /// Copy of the device, made at the start. Every order is made from the device. So before each order the two are
+    /// compared, to find a changed bit.
     device_then: Device<'static>,
     pub(super) replies: ReplyChannel,
     reader: LineReader<LINE_MAX>,
     pub(super) stored: Doubled<Stored>,
-    /// Number of the design that the stored settings equal; 0: none.
+    /// Number of the design that the stored settings equal, or 0 if they equal none.
     pub(super) design: u8,
     awaited: Option<Awaited>,
     /// Newest output, and the state at this output. The state does not include a running series, which only the console
     /// knows.
     pub(super) latest: Option<(Situation, Record)>,
     series: Option<HitSeries>,
-    /// A hit that is over. With the criterion `quiet` it waits for its codes.
+    /// A hit that is over, but not yet judged by the criterion `quiet`. It waits for the variance of its output codes.
     over: Option<JudgedHit>,
-    /// A series that ended because nobody reads, and is not reported yet.
+    /// A series of hits that ended because nobody reads the lines. Its end is not reported yet.
     unread: Option<HitSeries>,
-    /// A walk has just ended, and its last wall is in force instead of the stored wall.
+    /// Whether a walk has just ended, so that its last wall is still in force instead of the stored wall.
     restore_wall: bool,
-    /// True from the beginning of a series to the order after the series. Only then does the console give orders by
-    /// itself. It is stored twice, so that one flipped bit begins no series.
+    /// Whether a series of hits is running, up to the order that restores the stored wall. Only during a series does
+    /// the console give orders by itself. The flag is stored twice, so that one flipped bit cannot begin a series.
     in_series: Doubled<bool>,
     pub(super) stream: Stream,
 }
 
 impl<P: Port> Console<P> {
-    /// A console of that device, which starts with these settings.
+    /// Makes the console of `device`. It starts with the settings `stored`, which come from `source`.
     pub fn new(port: P, device: &'static Device<'static>, stored: Stored, source: Source) -> Self {
         let first = device.design(&stored).ok().zip(device.control(&stored).ok());
         let mut console = Self {
@@ -213,7 +215,7 @@ impl<P: Port> Console<P> {
         true
     }
 
-    /// Whether a line waits because nobody has read it.
+    /// Whether a line still waits because nobody reads.
     pub(super) fn is_mute(&mut self) -> bool {
         self.replies.is_mute(&mut self.port)
     }
@@ -278,15 +280,15 @@ impl<P: Port> Console<P> {
         self.stored.is_whole() && self.device_then == *self.device
     }
 
-    /// Whether the settings in force equal the ordered settings, which are computed once more. Without this check a bit
-    /// that flips in an order on its way would leave another wall in force.
+    /// Whether the settings in force equal the ordered settings. For this the parameters are computed once more.
+    /// Without this check, a bit that flips in an order on its way could put another wall in force.
     #[inline(never)] // its parameters are not needed below `report`
     fn is_in_force(&mut self, asked: &InForce) -> bool {
         let parameters = asked.settings.build(&asked.design);
         parameters.is_ok_and(|parameters| self.port.is_in_force(&parameters))
     }
 
-    /// Switches off with the fault of a flipped bit, and drops all proposed settings.
+    /// Orders the fault for a flipped bit, which switches the force off. Drops all proposed settings.
     fn trip(&mut self) {
         self.stream.answered(false);
         if self.port.order(Order::Request(Request::Trip(Fault::Memory))) {
@@ -305,7 +307,8 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// A bit of settings or device has flipped. From now on only the order for that fault is given.
+    /// Handles a flipped bit in settings or device. From now on the console gives no order except the order for this
+    /// fault.
     #[cold]
     pub(super) fn lose(&mut self) {
         self.trip();

@@ -1,5 +1,5 @@
-//! `selftest`: tests the parts of the board one by one, each between two outputs. The board cannot arm during the test,
-//! as during `save`.
+//! The command `selftest` tests the parts of the board one by one, each between two outputs. The board cannot arm
+//! during the test, and neither during `save`.
 
 use super::{Awaited, Console};
 use crate::{
@@ -12,10 +12,10 @@ use crate::{
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SelfTestStep {
-    /// Number of the next part. None before the first order is answered.
+    /// Number of the next part, or `None` before the first order is answered.
     next: Option<usize>,
     failed: u32,
-    /// Enable has failed. From here on no part drives the amplifier.
+    /// Whether the test of enable has failed. If so, no further part of the test may drive the amplifier.
     unsafe_to_drive: bool,
 }
 
@@ -24,7 +24,7 @@ impl SelfTestStep {
         Self { next: None, failed: 0, unsafe_to_drive: false };
 }
 
-/// The line about a part, or why it was not tested.
+/// The line about a part: what was found, or why it was not tested.
 struct Tested(Part, Result<Found, &'static str>);
 
 impl core::fmt::Display for Tested {
@@ -38,8 +38,9 @@ impl core::fmt::Display for Tested {
 }
 
 impl<P: Port> Console<P> {
-    /// The task `render` has answered: the force is off, and the board cannot arm until the console allows it. A jump
-    /// of the count is no fault meanwhile. The console asks before each part, so that all tasks run between two parts.
+    /// Tests the next part. The task `render` has answered that the force is off, and it does not arm until the console
+    /// allows it. Until then a jump of the count is no fault. The console asks `render` before each part, so that all
+    /// tasks run between two parts.
     #[inline(never)] // its stack does not belong to every answer
     pub(super) fn test(&mut self, step: SelfTestStep) {
         let Some(at) = step.next else {

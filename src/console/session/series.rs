@@ -1,5 +1,5 @@
-//! Series of hits: `walk`, and the pushes of a quiet `hit`. The task `render` runs one hit at a time. The console
-//! decides about the next hit, and builds the settings of this hit as for any other command.
+//! A series of hits: a `walk`, or a `hit` with the criterion `quiet`, which has several pushes. The task `render` runs
+//! one hit at a time. The console chooses the next hit, and builds its settings as for any other command.
 
 use super::{Awaited, Console};
 use crate::{
@@ -19,7 +19,7 @@ use crate::{
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Next {
-    /// The wall of a walk's cell.
+    /// Order the wall of the walk's present cell.
     Wall,
     Hit,
     /// Wait for the verdict.
@@ -28,13 +28,13 @@ enum Next {
 
 #[derive(Clone, Copy)]
 pub struct HitSeries {
-    /// None: a single hit, at the wall in force.
+    /// The walk, or `None` for a single hit at the wall in force.
     walk: Option<Walk>,
     totals: WalkTotals,
     next: Next,
     /// Number of the next push in [`PUSHES`].
     push: usize,
-    /// The push at this wall with the largest force RMS so far.
+    /// Of the pushes at this wall so far, the hit with the largest RMS of the force.
     loudest: Option<JudgedHit>,
 }
 
@@ -48,7 +48,7 @@ impl HitSeries {
         if self.walk.is_some() { Activity::Walk } else { Activity::Pushes }
     }
 
-    /// `stored` with the wall of the walk's present cell and the next push.
+    /// Returns `stored`, but with the wall of the walk's present cell and with the next push.
     #[inline(never)] // as `judged`
     fn settings(&self, mut stored: Stored) -> Stored {
         if let Some(walk) = &self.walk {
@@ -72,7 +72,7 @@ impl<P: Port> Console<P> {
         self.begin(HitSeries::of(Some(Walk::new(grid)), Next::Wall), "walk");
     }
 
-    /// Begins one hit. With the criterion `quiet`: one hit at each push.
+    /// Begins a hit. With the criterion `quiet` this is a series with one hit for each push.
     pub(in crate::console) fn begin_hit(&mut self) {
         match (self.stored.criterion, self.device.hit_sequence(&self.stored, false)) {
             (Criterion::Quiet, _) => self.begin(HitSeries::of(None, Next::Hit), "hit"),
@@ -91,8 +91,8 @@ impl<P: Port> Console<P> {
         self.reply(Reply::Done(name));
     }
 
-    /// Gives the next order of a series, or after the series the order for the stored wall. Returns whether there was
-    /// an order to give.
+    /// Gives the next order of a series. After the end of a walk, the order puts the stored wall in force again.
+    /// Returns whether there was an order to give.
     pub(super) fn pursue(&mut self) -> bool {
         if !self.is_mute()
             && let Some(series) = self.unread.take()
@@ -122,20 +122,21 @@ impl<P: Port> Console<P> {
         match series.next {
             Next::Verdict => return false,
             _ if !armed => self.end_series("the force went off: see status and faults"),
-            // Reported when somebody reads again; now the line would be lost.
+            // Nobody reads, so a line would be lost. The end of the series is reported when somebody reads again.
             _ if self.replies.is_mute(&mut self.port) => self.unread = self.series.take(),
             Next::Wall => {
                 let stored = series.settings(*self.stored);
                 match self.device.order(&stored) {
                     Ok(order) => self.order_settings(&stored, order, Awaited::Series),
                     Err(error) => {
-                        // A line that begins with `error:` alone would be the answer to a command.
+                        // The line says `walk:` after `error:`. Without `walk:` it would look like the answer to a
+                        // command.
                         self.write(&format_args!("walk: {}", self.spoken().refusal(&error)));
                         self.end_series("a wall is out of range");
                     }
                 }
             }
-            // A walk needs only verdicts, so each verdict may come early.
+            // A walk needs only the verdicts. So its hits may end as soon as their verdict is certain.
             Next::Hit => {
                 let (stored, early) = (series.settings(*self.stored), series.walk.is_some());
                 match self.device.hit_sequence(&stored, early) {
@@ -147,7 +148,8 @@ impl<P: Port> Console<P> {
         true
     }
 
-    /// The state that flipped bits could make: in a walk, and with a wall to restore, although no walk was begun.
+    /// Makes a state that only flipped bits could make. The console seems to be in a walk, or to have a wall to
+    /// restore, although no walk was begun.
     #[cfg(test)]
     pub(in crate::console) fn damage(&mut self, in_walk: bool) {
         let series = HitSeries::of(Some(Walk::new(self.stored.grid)), Next::Hit);
@@ -165,7 +167,8 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Takes the end of a hit. With the criterion `quiet` the result also depends on the codes of the hit.
+    /// Takes the result of a hit that is over. With the criterion `quiet` the verdict also depends on the output codes,
+    /// which come later.
     pub(super) fn hit_over(&mut self, verdict: Verdict, counts: RunningVariance, port: Exchanged) {
         let hit = JudgedHit { verdict, counts, port, quiet: None };
         match self.stored.criterion {
@@ -174,14 +177,14 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// The codes of the hit that is over.
+    /// Takes the output codes of the hit that is over, and judges the hit.
     #[inline(never)] // f64 here would make every pass save the floating-point registers
     pub(super) fn hit_codes(&mut self, codes: RunningVariance) {
         // If there is no series, it was stopped meanwhile.
         let (Some(mut hit), Some(series)) = (self.over.take(), self.series) else { return };
         let stored = series.settings(*self.stored);
         hit.quiet = self.quiet_window(&stored, &hit.counts, &codes);
-        // The limit is a share of the push in the settings.
+        // Without a limit in the settings, the limit is a share of the push in the settings, not of this hit's push.
         let share_n = FORCE_SHARE * libm::fabs(self.stored.push_n);
         let limit_n = stored.force_rms_limit_n.unwrap_or(share_n);
         let is_loud = hit.quiet.is_some_and(|quiet| !quiet.is_quiet(limit_n));
@@ -223,7 +226,8 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Force and wall of a window. `None` if a setting is out of range.
+    /// Computes force and wall of a hit's window for the criterion `quiet`. Returns `None` if a setting is out of
+    /// range.
     fn quiet_window(
         &self,
         stored: &Stored,
@@ -293,7 +297,7 @@ impl<P: Port> Console<P> {
         self.write(&lines::HitOver(self.said(hit), self.stored.full_scale_n));
     }
 
-    /// Ends the series, if there is one, without a result.
+    /// Ends the series without a result, if a series is running. `why` is the reason.
     pub(super) fn end_series(&mut self, why: &'static str) {
         if let Some(series) = self.series.take() {
             self.say_end(&series, why);

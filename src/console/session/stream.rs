@@ -1,5 +1,5 @@
-//! Telemetry: one frame each millisecond, with the outputs of this millisecond and the counts of all samples in this
-//! millisecond. Some frames have a key. From a key a reader can compute every later sample.
+//! Telemetry. Each millisecond has one frame, with the outputs and with the counts of all samples in this millisecond.
+//! Some frames also have a key: the state of the estimator. From a key a reader can compute every later sample.
 
 use super::Console;
 use crate::{
@@ -14,29 +14,30 @@ use crate::{
     velocity::Tuned,
 };
 
-/// Longest time between two keys, samples: 100 ms.
+/// The longest time between two keys, as a number of samples. It is 100 ms.
 const KEY_EVERY: u64 = 100 * SAMPLES_PER_MS as u64;
 
 #[derive(Clone)]
 pub(in crate::console) struct Stream {
     pub(in crate::console) on: bool,
     sequence: u32,
-    /// Outputs of the frame that is being filled. They follow each other, with the same settings and fault.
+    /// Outputs of the frame that is being filled. They follow each other without a gap, and have the same settings and
+    /// fault.
     outputs: [Record; Frame::OUTPUTS],
     pushes: [Force; Frame::OUTPUTS],
     /// Energy that wall and hand have exchanged up to the newest output.
     port: Exchanged,
     count: usize,
-    /// Last sample whose count was sent.
+    /// Number of the last sample whose count was sent.
     told: Option<u64>,
     /// Values at the last sent key.
     key: Option<Mark>,
-    /// Settings that were accepted last, and settings whose order is under way.
+    /// The settings that `render` accepted last. `proposed` are the settings whose order is under way.
     accepted: Option<Chosen>,
     proposed: Option<Chosen>,
 }
 
-/// Values at a key; a change of one of them needs a new key.
+/// Values at the last key. If one of them changes, a new key is sent.
 #[derive(Clone, Copy)]
 struct Mark {
     sample: u64,
@@ -53,7 +54,7 @@ struct Chosen {
 }
 
 impl Stream {
-    /// A stream that is on from the first sample, with these settings.
+    /// Makes a stream that is on from the first sample, with these settings.
     pub(super) fn new(first: Option<(Design, &Stored, &LoopParameters)>) -> Self {
         let chosen = |(design, stored, parameters): (Design, &Stored, &LoopParameters)| Chosen {
             in_force: InForce { number: 0, design, settings: stored.settings },
@@ -73,7 +74,7 @@ impl Stream {
         }
     }
 
-    /// An order for these settings is under way: predicts their number and tuning.
+    /// Notes that an order for these settings is under way. Predicts the number and tuning that they will have.
     pub(super) fn propose(&mut self, design: Design, stored: &Stored, parameters: &LoopParameters) {
         self.proposed = self.accepted.map(|Chosen { in_force, tuned }| Chosen {
             in_force: InForce {
@@ -85,8 +86,8 @@ impl Stream {
         });
     }
 
-    /// Takes the answer to an order. Returns the settings that the order put in force; `None` for other orders and
-    /// refusals.
+    /// Takes the answer to an order. Returns the settings that the order put in force. Returns `None` if the order was
+    /// refused or had no settings.
     pub(super) fn answered(&mut self, met: bool) -> Option<InForce> {
         let chosen = self.proposed.take().filter(|_| met)?;
         self.accepted = Some(chosen);
@@ -132,7 +133,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Sends the frame that is being filled: outputs of one period.
+    /// Sends the frame that is being filled. All its outputs have the same output period.
     #[inline(never)] // its frame is not needed below `report`
     pub(in crate::console) fn flush(&mut self) {
         let Stream { outputs, pushes, port, count, .. } = self.stream;
@@ -155,7 +156,7 @@ impl<P: Port> Console<P> {
             return;
         }
         let mut writer = frame.encode_after(earlier, period, &mut bytes);
-        // Samples that were not sent yet. After a gap: the samples of a millisecond.
+        // The frame gets all samples that were not sent yet. After a gap it gets only those of one millisecond.
         let told = self.stream.told;
         let since = told.map_or(u64::MAX, |told| newest.sample.wrapping_sub(told));
         let follows = since <= Frame::SAMPLES as u64;

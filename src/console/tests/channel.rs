@@ -1,4 +1,4 @@
-//! Nothing changes without an acknowledgement, and no input makes the task too busy.
+//! Tests that nothing changes without an acknowledgement, and that no input keeps the task too busy.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Every command of the dispatch: its order, the settings that it keeps, its reply.
+//! Tests the action of every command: its order, the settings that it stores, and its reply.
 
 use super::*;
 use crate::{
@@ -69,7 +69,7 @@ fn requests_are_passed_on_and_answered() {
         bench.orders(line);
         let refused = bench.answer(Err(Refusal::Zeroing));
         assert_eq!(refused, ["error: a zero is under way: try again"]);
-        // an answer for which nobody waits
+        // This answer comes although no order is under way.
         assert!(bench.answer(Ok(())).is_empty());
     }
 }
@@ -91,19 +91,19 @@ fn what_the_rules_refuse_gives_no_order() {
     bench.status.inputs.settings_valid = false;
     bench.report(Event::None);
     assert_eq!(bench.says("arm"), "error: settings are not valid or outside the envelope: see get");
-    // for a wall outside the envelope, the allowed range
+    // If the wall is outside the envelope, the refusal has the allowed range.
     bench.console.stored.edit(|stored| stored.settings.wall.stiffness_n_per_m = 5000.0);
     let outside =
         "error: beyond the envelope: k at this b is allowed from 0 to 4000, or unlock envelope";
     assert_eq!(bench.says("arm"), outside);
-    // and the same if the supervisor refuses it
+    // The reply is the same if the supervisor refuses the command.
     bench.status = OFF;
     bench.report(Event::None);
     bench.orders("arm");
     assert_eq!(bench.answer(Err(Refusal::Settings)), [outside]);
 }
 
-/// Settings of the loop: proposed with one changed value, kept once they are accepted.
+/// A setting of the loop is ordered first. The console stores it when the order is accepted.
 #[test]
 fn settings_of_the_loop_are_proposed_and_kept_once_taken() {
     type Edit = fn(&mut Stored);
@@ -143,7 +143,7 @@ fn settings_of_the_loop_are_proposed_and_kept_once_taken() {
     }
 }
 
-/// Settings of the next experiment: kept at once, if an experiment can run with them.
+/// A setting that only the next experiment uses is stored at once, if an experiment can run with it.
 #[test]
 fn settings_of_experiments_are_kept_at_once_or_refused() {
     type Edit = fn(&mut Stored);
@@ -331,8 +331,8 @@ fn saving_stalls_writes_and_goes_on() {
     }
 }
 
-/// The settings that are counted in outputs are ordered before the parameters. Nothing is kept before both are
-/// accepted.
+/// A new output period needs two orders: first the settings that are counted in outputs, then the parameters. Nothing
+/// is stored before both are accepted.
 #[test]
 fn another_period_sends_its_plan_first_and_is_refused_while_force_acts() {
     let on = "error: the force is on: disarm first";
@@ -418,7 +418,8 @@ fn loading_takes_signs_full_scale_and_period_only_without_force() {
     }
 }
 
-/// This includes settings that the command does not change: with a flipped B, `k` would put that B in force.
+/// The flipped bit may be in a setting that the command does not change. For example, with a flipped bit in B, `k`
+/// would put the wrong B in force.
 #[test]
 fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
     for of_device in [false, true] {
@@ -435,7 +436,7 @@ fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
         }
         assert!(bench.says("status").starts_with("ok status"));
     }
-    // The same between order and answer of a `save`: nothing is written.
+    // If the bit flips between the order of `save` and its answer, nothing is written.
     let mut bench = Bench::new(OFF);
     bench.orders("save");
     bench.console.flip(false);
@@ -443,7 +444,8 @@ fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
     assert_eq!(bench.console.port.flash, None);
 }
 
-/// A bit flips before the settings are in force. Without the check the reply would say 9000.
+/// A bit of the order flips before the settings are in force. Without the check, the reply would say 9000 although
+/// another K is in force.
 #[test]
 fn what_is_in_force_otherwise_than_it_was_asked_for_is_a_fault() {
     let mut bench = Bench::new(FREE);

@@ -1,4 +1,5 @@
-//! Designs are chosen by name with the force off. Replies, saved settings and telemetry name them.
+//! Tests the designs of a device. They are chosen by name with the force off. Replies, saved settings and telemetry
+//! name them.
 
 use std::sync::LazyLock;
 
@@ -13,7 +14,7 @@ use crate::{
     telemetry::Decoder,
 };
 
-/// [`DEVICE`] with two designs; only the second has rows.
+/// [`DEVICE`] with two designs. Only the second has a table in the envelope.
 fn device() -> &'static Device<'static> {
     static WORDS: LazyLock<([u32; WORDS_MAX], usize)> = LazyLock::new(|| {
         let key = Key { design: 2, ..BOUNDARY.key };
@@ -72,8 +73,8 @@ fn a_design_is_taken_whole_and_only_with_the_force_off() {
     }
 }
 
-/// Beside the designs the envelope has one cutoff. With the force off any other tuning is accepted. With such a tuning
-/// the force cannot be switched on.
+/// Apart from the designs, the envelope here knows a single cutoff. Any other tuning is accepted with the force off,
+/// but then the force cannot be switched on.
 #[test]
 fn free_tuning_needs_the_envelope_unlocked() {
     let mut bench = Bench::on(device(), OFF);
@@ -148,8 +149,8 @@ fn telemetry_has_the_number_of_the_design_but_for_the_black_box() {
     bench.orders("cutoff 500");
     bench.answer(Ok(()));
     bench.report(Event::None);
-    // The first settings are the settings of the design `paper`. If an output accepts settings, its frame is sent
-    // before the console keeps these settings.
+    // The settings at the start are those of the design `paper`. When an output accepts new settings, its frame is sent
+    // before the console stores them.
     assert_eq!(numbers(&mut bench), [2, 1, 1, 0]);
     bench.orders("design paper");
     bench.answer(Ok(()));

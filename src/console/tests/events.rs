@@ -1,4 +1,4 @@
-//! Reports of experiments at their end.
+//! Tests the lines that report the end of an experiment.
 
 use super::*;
 use crate::{
@@ -6,7 +6,7 @@ use crate::{
     units::{Force, OutputCode},
 };
 
-/// Positions 10, 12, 14: mean 12, RMS sqrt(8/3).
+/// A window with the positions 10, 12 and 14. Their mean is 12, their RMS sqrt(8/3).
 fn window() -> RunningVariance {
     let mut window = RunningVariance::default();
     for counts in [10, 12, 14] {
@@ -26,7 +26,7 @@ fn a_hit_says_its_verdict_or_why_there_is_none() {
         bench.report(Event::HitOver(verdict, window()));
         let rms = Decimal(window().rms_counts() * 1e-6);
         let mean = Decimal(window().mean_counts() * 1e-6);
-        // 2^40 LSB of force counts: 1024 counts at full scale
+        // The energy is 2^40 LSB of force times counts. This is 1024 counts at full scale.
         let [taken, given] = [-1.0, 2.0].map(|part| Decimal(part * 1024.0 * (5.906 * 1e-6)));
         let said =
             format!("ok hit {name}, rms {rms} m, mean {mean} m, taken {taken} J, given {given} J");

@@ -1,4 +1,4 @@
-//! The console on a mock board of plain values.
+//! Tests of the console on a mock board, whose state is plain values.
 
 use std::{
     collections::VecDeque,
@@ -37,19 +37,19 @@ struct Board {
     typed: VecDeque<u8>,
     lines: Vec<String>,
     frames: Vec<Vec<u8>>,
-    /// The position at every sample, and the sampler after the last sample.
+    /// The position at every sample. `sampler` is the sampler after the last sample.
     positions: Vec<Position>,
     sampler: Option<GuardedSampler>,
-    /// The channel of the frames is full.
+    /// Whether the channel for telemetry frames is full.
     full: bool,
     orders: Vec<Order>,
     flash: Option<Stored>,
-    /// Flash refuses every write.
+    /// Whether flash refuses every write.
     broken: bool,
     /// The part whose self-test fails.
     wrong: Option<Part>,
     tested: Vec<Part>,
-    /// Nobody reads the lines.
+    /// Whether nobody reads the lines.
     deaf: bool,
     /// The parameters of the last order.
     in_force: Option<LoopParameters>,
@@ -113,7 +113,7 @@ impl Port for Board {
     }
 }
 
-/// Off, and all conditions of `arm` are fulfilled.
+/// The force is off, and all conditions of `arm` are fulfilled.
 const OFF: Status = Status {
     state: State::Off,
     fault: None,
@@ -142,7 +142,7 @@ struct Bench {
 const PORT: Exchanged = Exchanged { energy: -(1 << 40), given: 1 << 41 };
 
 impl Bench {
-    /// A bench after boot, when its first order was accepted.
+    /// A bench after boot. Its first order is already accepted.
     fn new(status: Status) -> Self {
         Self::on(&DEVICE, status)
     }
@@ -159,7 +159,8 @@ impl Bench {
         self.tell(Record { sample: 42, ..Record::EMPTY }, event);
     }
 
-    /// Reports an output with that record. Its lines answer no command, unless `event` is an answer.
+    /// Reports an output with `record`. Checks that the lines that follow answer no command, unless `event` is an
+    /// answer.
     fn tell(&mut self, record: Record, event: Event) {
         let Self { status, activity, .. } = *self;
         let (before, answers) = (self.console.port.lines.len(), matches!(event, Event::Answer(_)));
@@ -182,7 +183,7 @@ impl Bench {
         (std::mem::take(&mut board.lines), std::mem::take(&mut board.orders))
     }
 
-    /// Types a line, and lets the console take it.
+    /// Types a command, and lets the console obey it. Returns the console's lines and orders.
     fn type_in(&mut self, line: &str) -> (Vec<String>, Vec<Order>) {
         self.console.port.typed.extend(format!("{line}\n").bytes());
         self.console.pass(true);
@@ -194,7 +195,7 @@ impl Bench {
         self.take().0
     }
 
-    /// Types a line that gives one order and no line.
+    /// Types a command to which the console must give one order to the board and no reply. Returns the order.
     #[track_caller]
     fn orders(&mut self, line: &str) -> Order {
         let (lines, orders) = self.type_in(line);
@@ -203,7 +204,7 @@ impl Bench {
         orders[0]
     }
 
-    /// Types a line that gives one line and no order.
+    /// Types a command to which the console must reply with one line, without an order to the board. Returns the reply.
     #[track_caller]
     fn says(&mut self, line: &str) -> String {
         let (mut lines, orders) = self.type_in(line);

@@ -1,5 +1,5 @@
-//! Hits and walks by the criterion `quiet`: one push after the other. The counts, the force and the wall of each push
-//! are judged.
+//! Tests hits and walks with the criterion `quiet`. A hit has several pushes, one after the other. The counts, the
+//! force and the wall of each push are judged.
 //!
 //! The device has counts of 1 um, a DAC of 12 bits and 5.906 N at full scale; the wall of these tests is at 0.07 m.
 
@@ -10,7 +10,7 @@ const PUSH_N: f64 = 2.0;
 const K: f64 = 50_000.0;
 const CODE_N: f64 = 5.906 / 2047.0;
 
-/// Armed, with the wall at 0.07 m and the criterion `quiet`.
+/// A bench that is armed, with the wall at 0.07 m and the criterion `quiet`.
 fn bench() -> Bench {
     let mut bench = Bench::new(FREE);
     bench.console.stored.edit(|stored| {
@@ -27,7 +27,7 @@ fn bench() -> Bench {
     bench
 }
 
-/// A handle at rest in the wall at 0.07 m, under that push, with codes that vary by `swing`.
+/// The counts and codes of a handle that rests in the wall at 0.07 m, pushed by `push_n`. The codes vary by `swing`.
 fn window(push_n: f64, swing: i32) -> [RunningVariance; 2] {
     let [mut counts, mut codes] = [RunningVariance::default(); 2];
     let behind = DEVICE.design.position("position_m", push_n / K).unwrap().counts();
@@ -44,7 +44,8 @@ fn over(bench: &mut Bench, verdict: Verdict, [counts, codes]: [RunningVariance; 
     bench.take().0
 }
 
-/// Orders the hit at that push. The hit is accepted, and reports these values.
+/// Lets the console order the hit with this push. The hit is accepted, and reports the verdict and codes that vary by
+/// `swing`.
 #[track_caller]
 fn pushed(bench: &mut Bench, share: f64, (verdict, swing): (Verdict, i32)) -> Vec<String> {
     let push_n = share * PUSH_N;
@@ -82,7 +83,7 @@ fn a_quiet_hit_tries_four_pushes_and_says_the_loudest() {
     assert_eq!(bench.says("push 1"), "ok push 1 N");
 }
 
-/// At 0.1 N: 34 codes are below, 35 above.
+/// The limit is 0.1 N here. A swing of 34 codes is below it, one of 35 codes is above it.
 #[test]
 fn a_push_with_too_much_force_ends_it() {
     for (swing, held) in [(34, true), (35, false)] {
@@ -98,7 +99,8 @@ fn a_push_with_too_much_force_ends_it() {
 
 #[test]
 fn without_a_limit_of_its_own_it_is_a_share_of_the_push_that_was_set() {
-    // 0.14 N: 48 codes are below, 49 above, also at 0.97 of the push
+    // The limit is 0.14 N here. A swing of 48 codes is below it, one of 49 codes is above it, also with 0.97 of the
+    // push.
     for (swing, held) in [(48, true), (49, false)] {
         let mut bench = bench();
         assert_eq!(bench.says("force_rms 0"), "ok force_rms 0 N");

@@ -1,4 +1,5 @@
-//! A rotary device: typed and printed values are about its axis, ordered values are at the handle.
+//! Tests the console of a rotary device. Typed and printed values are about its axis. The values in orders are at the
+//! handle.
 
 use super::*;
 use crate::{

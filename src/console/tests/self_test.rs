@@ -1,10 +1,11 @@
-//! `selftest`: before each part the console sends an order.
+//! Tests the command `selftest`. The console sends an order before it tests a part.
 
 use std::vec;
 
 use super::*;
 
-/// After each answer the console tests one part. Nothing may arm before the last answer. The zero is lost first.
+/// After each answer the console tests one part. The board cannot arm before the last answer. The test first gives up
+/// the zero of the position.
 #[test]
 fn a_self_test_asks_before_each_part_and_tells_what_has_failed() {
     let (stall, go_on) =
@@ -32,8 +33,8 @@ fn a_self_test_asks_before_each_part_and_tells_what_has_failed() {
     }
 }
 
-/// After a fault the output may still have a force. If enable does not switch off, no other part may drive the
-/// amplifier.
+/// After a fault the output may still have a force. The same is true if enable does not switch off. In both cases no
+/// part of the test may drive the amplifier.
 #[test]
 fn a_self_test_does_not_drive_what_is_not_safe() {
     for (fault, wrong) in [(true, None), (false, Some(Part::Enable))] {

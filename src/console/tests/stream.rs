@@ -1,4 +1,4 @@
-//! Parts of telemetry beside the outputs: counts of all samples, and keys.
+//! Tests the parts of telemetry apart from the outputs: the counts of all samples, and the keys.
 
 use super::*;
 use crate::{
@@ -136,8 +136,8 @@ fn counts_come_with_every_frame_and_a_key_each_100_ms() {
     assert_eq!(keys, [0, 1000, 2000]);
 }
 
-/// A reader that cannot follow gets a key: after a full channel (the counts are sent again), and after telemetry was
-/// off. A record of the black box has neither counts nor a key.
+/// After a gap a reader gets a key. A gap comes from a full channel, after which the counts are sent again, or from
+/// telemetry that was off. A record of the black box has neither counts nor a key.
 #[test]
 fn a_key_follows_every_gap() {
     let mut moving = Moving::new();
@@ -168,7 +168,7 @@ fn a_key_follows_every_gap() {
     assert!((0..3).all(|_| moving.run(Event::None).is_some()));
 }
 
-/// A key follows after other settings, and after a zero.
+/// A new key follows when the settings change, and when the position is made zero.
 #[test]
 fn a_key_follows_whatever_changes_the_estimator_or_the_wall() {
     let mut moving = Moving::new();
@@ -205,7 +205,7 @@ fn a_key_follows_whatever_changes_the_estimator_or_the_wall() {
     assert!(moving.run(Event::None).unwrap().key.is_none());
 }
 
-/// The task is late: the sampler already has settings whose order is not answered yet.
+/// The console's task is late here. The sampler already uses settings whose order is not answered yet.
 #[test]
 fn a_key_of_settings_that_are_not_answered_yet_names_them() {
     let mut moving = Moving::new();

@@ -1,4 +1,4 @@
-//! All orders of a walk, and all its ends.
+//! Tests all orders of a walk, and all ways in which it can end.
 
 use super::*;
 use crate::experiment::{AbortReason, RunningVariance, Verdict};
@@ -6,7 +6,7 @@ use crate::experiment::{AbortReason, RunningVariance, Verdict};
 const START: &str = "ok walk";
 const NO_RESULT: &str = "area 0 N^2 s/m^2, peak k 0 N/m, largest b 0 N s/m";
 
-/// A walk over K 1000, 2000 N/m and B 10, 20 N s/m that has just begun.
+/// A bench on which a walk has just begun. Its grid has K 1000 and 2000 N/m, and B 10 and 20 N s/m.
 fn begun() -> Bench {
     let mut bench = Bench::new(FREE);
     for line in ["kstart 1000", "kstep 1000", "kmax 2000", "bstart 10", "bstep 10", "bmax 20"] {
@@ -24,7 +24,7 @@ fn next(bench: &mut Bench) -> Order {
     orders[0]
 }
 
-/// Wall and hit of a cell are ordered and accepted.
+/// Checks that the wall of a cell is ordered, then its hit. Accepts both orders.
 #[track_caller]
 fn cell(bench: &mut Bench, k: f64, b: f64) {
     let mut stored = bench.stored();
@@ -35,7 +35,7 @@ fn cell(bench: &mut Bench, k: f64, b: f64) {
     let hit = DEVICE.hit_sequence(&stored, true).unwrap();
     assert_eq!(next(bench), Order::Hit(hit));
     assert!(bench.answer(Ok(())).is_empty());
-    // no further order before the verdict
+    // The console gives no further order before the verdict.
     bench.console.pass(true);
     assert_eq!(bench.take(), (Vec::new(), Vec::new()));
 }
@@ -45,7 +45,7 @@ fn judge(bench: &mut Bench, verdict: Verdict) -> Vec<String> {
     bench.take().0
 }
 
-/// After the walk's end the stored wall comes back without a reply, and commands are obeyed again.
+/// Checks the end of a walk. The stored wall is ordered again, without a reply, and commands are obeyed again.
 #[track_caller]
 fn over(bench: &mut Bench) {
     assert_eq!(next(bench), DEVICE.order(&bench.stored()).unwrap());

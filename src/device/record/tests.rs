@@ -1,4 +1,4 @@
-//! A record is read as it was made. Every error in a record is found and named.
+//! Tests that a record is read as it was made, and that every error in a record is found and named.
 
 use proptest::prelude::*;
 use std::{string::ToString, vec::Vec};
@@ -30,7 +30,7 @@ fn refused(words: &[u32]) -> BadRecord {
     Device::from_record(words, &BOARD).unwrap_err()
 }
 
-/// The words with a right checksum.
+/// Returns the words with a correct checksum.
 fn signed(mut words: Vec<u32>) -> Vec<u32> {
     let (check, body) = words.split_last_mut().unwrap();
     *check = crc::of_words(body);
@@ -145,7 +145,7 @@ fn a_number_that_is_none_is_refused_wherever_it_stands() {
     }
 }
 
-/// With each of these numbers, the board could not find a fault, or could not stop a motion.
+/// Each of these numbers is refused. With it, the board could miss a fault or could not stop a motion.
 #[test]
 fn a_device_that_nobody_holds_is_refused() {
     type Edit = fn(&mut Device<'static>);
@@ -187,7 +187,7 @@ fn designs_stand_before_the_envelope_and_each_is_checked() {
     let again =
         device.to_record(&NAMED, &[BOUNDARY, of_design], &mut [0; WORDS_MAX]).unwrap().to_vec();
     assert_eq!(again, words);
-    // One design more than there are words for: its words are read as part of the envelope.
+    // The record states one design more than it has. So words of the envelope are read as a design.
     let mut short = words.clone();
     short[11] += 1 << DESIGNS;
     assert_eq!(refused(&signed(short)), BadRecord::Designs);
@@ -220,7 +220,7 @@ fn a_design_has_its_own_rows_of_the_envelope() {
     stored.settings.wall.stiffness_n_per_m = 1.0;
     stored.period = 5;
     assert_eq!(device.inside(&stored), Err(Outside::UnknownKey));
-    // Number 1 has no rows.
+    // Design number 1 has no table in the envelope.
     (stored.period, stored.settings.velocity) = (10, NAMED[0].velocity);
     assert_eq!(device.inside(&stored), Err(Outside::UnknownKey));
 }

@@ -18,7 +18,7 @@ impl Moving {
     }
 }
 
-/// A handle on a spring to `rest_m`.
+/// A simulated handle on a spring, which is relaxed at `rest_m`.
 pub struct Handle {
     pub mass_kg: f64,
     pub damping: f64,
@@ -39,7 +39,7 @@ impl Handle {
         Position::from_counts((self.x / 1e-6).floor() as i32)
     }
 
-    /// Moves the handle for one output period with that force.
+    /// Moves the handle for one output period under this force.
     pub fn go(&mut self, force: Force) {
         for _ in 0..10 {
             let force = f64::from(force.bits()) / 2f64.powi(30) * DESIGN.full_scale_n;
@@ -50,8 +50,8 @@ impl Handle {
     }
 }
 
-/// Brings the handle back. Returns the last step, the number of outputs, the highest speed, and the largest force (part
-/// of full scale).
+/// Brings the handle back. Returns the last step, the number of outputs, the highest speed, and the largest force as a
+/// part of full scale.
 fn bring_back(mut handle: Handle, held: bool) -> (ReturnStep, u32, f64, f64) {
     let mut back = Moving::new(SETTINGS.build(&DESIGN).unwrap());
     let (mut fastest, mut strongest) = (0f64, 0f64);
@@ -136,7 +136,7 @@ fn a_handle_that_a_hand_has_brought_to_the_start_is_not_driven_away() {
                 );
                 assert!(arrived, "{case}");
                 let sag = 2.5e-3 * spring / 11.0626;
-                // for eight outputs the brake still measures the speed of the hand
+                // For eight outputs the damper still measures the speed that the hand gave the handle, so it brakes.
                 assert!(farthest < 1.5e-3 + sag, "{case}: {farthest} m away");
                 assert!(fastest < 0.25, "{case}: {fastest} m/s");
             }
@@ -169,7 +169,8 @@ fn a_return_that_is_taken_starts_and_one_that_cannot_start_is_refused_with_the_r
     }
 }
 
-/// A step that rounds up to a whole number of counts fits a lead of the same number, in both directions.
+/// The step of r is rounded up to a whole number of counts here, and the lead has the same number. r must take this
+/// step in both directions.
 #[test]
 fn a_step_as_long_as_the_lead_is_taken_on_either_side() {
     let full_scale_n = 2.189_657_517_033_622;
@@ -225,7 +226,8 @@ fn settings_become_counts_outputs_and_parts_of_full_scale() {
     }
 }
 
-/// A device on which a newton is 10^6 LSB and a count is a micrometre. So 1 N/m is 1 LSB per count.
+/// On this device a newton is 10^6 LSB and a count is a micrometre, so 1 N/m is 1 LSB per count. This makes the ends of
+/// the ranges easy to see.
 #[test]
 fn a_setting_out_of_range_is_refused_with_the_range() {
     let design = Design { full_scale_n: f64::from(1 << 30) * 1e-6, ..DESIGN };
@@ -272,7 +274,8 @@ fn it_ends_at_a_start_that_is_not_zero() {
     }
 }
 
-/// Steps of 150 um within a lead of 4667 um: 31 of them, which are 4650 um of 300 N/m.
+/// r moves in steps of 150 um. Within the lead of 4667 um there are 31 steps. They stretch the spring of 300 N/m by
+/// 4650 um.
 #[test]
 fn a_handle_that_is_held_stretches_the_spring_by_the_steps_that_fit_the_lead() {
     let settings = ReturnSettings { damping_n_s_per_m: 0.0, integral_n_per_m_s: 0.0, ..SETTINGS };
@@ -285,7 +288,7 @@ fn a_handle_that_is_held_stretches_the_spring_by_the_steps_that_fit_the_lead() {
     }
 }
 
-/// A jump from the start to the other end of the count is a distance of 33 bits.
+/// The handle jumps from the start to the other end of the count's range. This distance needs 33 bits.
 #[test]
 fn the_farthest_jump_is_pulled_back_from_with_all_its_force() {
     for (start, jump) in [(1 << 30, i32::MIN), (-(1 << 30), i32::MAX)] {
@@ -300,7 +303,8 @@ fn the_farthest_jump_is_pulled_back_from_with_all_its_force() {
     }
 }
 
-/// Ki of 1000 N/(m s) is 1 LSB per count and output here: 1000 counts move the integral by 1000.
+/// On this device a Ki of 1000 N/(m s) is 1 LSB per count and output. So an error of 1000 counts moves the integral by
+/// 1000 at each output.
 #[test]
 fn against_a_hand_that_is_stronger_than_the_limit_the_integral_only_gets_smaller() {
     let design = Design { full_scale_n: f64::from(1 << 30) * 1e-6, ..DESIGN };

@@ -1,4 +1,4 @@
-//! Orders of the console other than experiments: settings, signs, black box, stop, clear.
+//! Tests the orders that begin no experiment: settings, signs, black box, stop and clear.
 
 use super::*;
 
@@ -28,7 +28,7 @@ fn a_host_that_falls_silent_takes_the_force_away_in_time() {
     bench.run(2);
     assert_eq!(bench.last, OutputCommand::Off);
     assert_eq!(bench.status().fault.map(|record| record.fault), Some(Fault::HostSilent));
-    // The promise ends with its fault.
+    // After the fault of a silent host its promise no longer holds.
     bench.met(Order::Request(Request::Clear));
     bench.met(Order::Request(Request::Arm));
     bench.run(600);
@@ -45,7 +45,7 @@ fn a_host_that_falls_silent_takes_the_force_away_in_time() {
     assert_eq!(bench.status().fault.map(|record| record.fault), Some(Fault::HostSilent));
 }
 
-/// The console does not send these orders, unless its view of the state is old.
+/// The console sends these orders only if its knowledge of the state is old.
 #[test]
 #[cfg_attr(miri, ignore = "arms in closed loop")]
 fn an_experiment_is_begun_alone_and_pulses_without_a_wall_only() {
@@ -84,8 +84,8 @@ fn an_order_that_came_otherwise_is_refused() {
     assert!(matches!(event, Event::Answer(Err(Refusal::Faulted(Fault::Memory)))), "{event:?}");
 }
 
-/// The force is off when the answer comes. Four cases: with a hit, without a hit, with the force off before, with a
-/// fault.
+/// The force is off when the answer comes. The four cases are: during a hit, without a hit, with the force already off,
+/// and with a fault.
 #[test]
 fn disarm_is_answered_with_the_force_off() {
     for case in 0..4 {
@@ -115,7 +115,7 @@ fn disarm_is_answered_with_the_force_off() {
 fn settings_are_exchanged_whole_counted_and_refused_where_they_would_throw() {
     let mut bench = Bench::armed();
     let settings = bench.renderer.settings;
-    // another wall: no restart of the estimator
+    // With another wall the estimator does not start anew.
     let (known, commands) = (bench.sampling.parameters.len(), bench.sampling.commands.len());
     bench.stored.settings.wall.stiffness_n_per_m = 1000.0;
     bench.met(DEVICE.order(&bench.stored).unwrap());
@@ -123,7 +123,7 @@ fn settings_are_exchanged_whole_counted_and_refused_where_they_would_throw() {
     assert_eq!(bench.sampling.commands.len(), commands);
     bench.output(None);
     assert_eq!(bench.reports.last().unwrap().record.settings, settings + 1);
-    // another cutoff: the estimator starts anew
+    // With another cutoff the estimator starts anew.
     bench.stored.settings.wall.stiffness_n_per_m = 0.0;
     bench.stored.settings.velocity = bench.stored.settings.velocity.with_tuning(1000.0);
     bench.met(DEVICE.order(&bench.stored).unwrap());
@@ -131,7 +131,7 @@ fn settings_are_exchanged_whole_counted_and_refused_where_they_would_throw() {
     assert_eq!(now, DEVICE.control(&bench.stored).unwrap().after(&before));
     assert_ne!(now.estimator, DEVICE.control(&bench.stored).unwrap().estimator);
     assert_eq!(bench.sampling.commands.len(), commands);
-    // a wall at the handle's position
+    // The new wall would be at the position of the handle.
     let kept = bench.renderer.parameters;
     bench.stored.settings.wall.position_m = -0.03;
     let refused = bench.order(DEVICE.order(&bench.stored).unwrap());
@@ -260,7 +260,7 @@ fn a_motor_that_has_worked_is_warm() {
     assert!(bench.renderer.experiments.parts().duty.per_mille() > 0);
 }
 
-/// All facts that a board senses, and what they mean.
+/// Tries all facts that a board senses, and checks what the supervisor makes of them.
 #[test]
 fn inputs_tell_a_stop_from_a_debugger_from_a_cut() {
     let found = FaultSet::EMPTY.with(Fault::Registers);
@@ -295,7 +295,7 @@ fn inputs_tell_a_stop_from_a_debugger_from_a_cut() {
             Inputs { halted: true, ..held },
         ),
         (Sensed { halted: true, switched_on: false, ..GOOD }, false, held),
-        // enable is inactive, without a reason
+        // Enable is inactive, and the board gives no reason.
         (Sensed { enabled: false, ..GOOD }, false, Inputs { halted: true, ..held }),
         (Sensed { enabled: false, ..GOOD }, true, held),
         (Sensed { enabled: false, switched_on: false, ..GOOD }, false, held),

@@ -1,4 +1,4 @@
-//! A change of the output period, with the task `sample` beside the renderer.
+//! Tests a change of the output period, with the renderer and the task `sample` together.
 
 use super::*;
 use crate::{
@@ -38,11 +38,11 @@ struct Tasks {
     force: Force,
     place: f64,
     speed: f64,
-    /// Outputs: number of the sample, and force.
+    /// The outputs so far. Each has the number of its sample and its force.
     outputs: Vec<(u64, i32)>,
-    /// The task `render` does not run.
+    /// Whether the task `render` is stuck.
     stuck: bool,
-    /// Samples from then until the task `sample` cut the output.
+    /// Number of samples from the moment when `render` was stuck until the task `sample` cut the output.
     cut_after: Option<u32>,
     since: u32,
 }
@@ -205,8 +205,8 @@ fn arming_and_fading_take_their_time_at_every_period() {
     }
 }
 
-/// If an output is missing, the force is switched off one period and one sample after the output was due, at every
-/// period. A task without an output for 10 ms is stuck.
+/// If an output is missing, the force is switched off at most one period and one sample after the output was due. This
+/// holds at every period. A task without an output for 10 ms counts as stuck.
 #[test]
 #[cfg_attr(miri, ignore = "arms eight times")]
 fn a_late_output_is_cut_in_its_time_and_ten_milliseconds_are_stuck_at_every_period() {
@@ -225,7 +225,8 @@ fn a_late_output_is_cut_in_its_time_and_ten_milliseconds_are_stuck_at_every_peri
             }
             tasks.stuck = true;
             tasks.run(samples);
-            // due after one period, found missing after a second period, cut with this sample or the next sample
+            // The output is due after one period. After a second period it is found missing, and is cut with this
+            // sample or the next one.
             let cut = tasks.cut_after.unwrap();
             assert!((2 * period..=2 * period + 1).contains(&cut), "{period}: {cut}");
             tasks.stuck = false;

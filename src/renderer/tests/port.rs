@@ -1,4 +1,4 @@
-//! The energy account of the port, compared with sums over the reported values.
+//! Compares the energy account of the port with sums over the reported values.
 
 use super::*;
 use crate::safety::SafetySettings;
@@ -11,7 +11,8 @@ impl Bench {
         self.run(50);
     }
 
-    /// Energies of a hit on a wall of that stiffness, with these positions at the outputs.
+    /// Runs a hit on a wall of this stiffness, with the handle at given positions at the outputs. Returns the two
+    /// energies of the account.
     fn exchanged(mut self, stiffness_n_per_m: f64) -> (i64, i64) {
         self.in_front_of_a_wall(stiffness_n_per_m);
         self.met(self.hit());

@@ -1,10 +1,10 @@
-//! The envelope: walls that the simulator predicts to be stable. Each design, and each estimator with its cutoff, has a
-//! table for each output period.
+//! The envelope: the walls that the simulator predicts to be stable. There is a table for each design and output
+//! period, and for each estimator with a cutoff and output period.
 //!
-//! The tables are a part of the [device record](crate::device::record), for the record's device and latency. At each B
-//! a table has an interval of K, because at large B a soft wall may chatter although a stiffer wall is stable. A wall
-//! outside the interval is refused until the envelope is unlocked. If a key has no table, no wall is known to be
-//! stable. Then every wall is refused.
+//! The tables are part of the [device record](crate::device::record). They are valid for the device and the latency of
+//! this record. At each B a table has an interval of K, because at large B a soft wall may chatter although a stiffer
+//! wall is stable. A wall outside the interval is refused until the envelope is unlocked. If the estimator, cutoff and
+//! period in use have no table, no wall is known to be stable. Then every wall is refused.
 
 mod words;
 
@@ -16,25 +16,25 @@ use words::Rows;
 /// The stable stiffnesses at one damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Damping B of these walls, N s/m.
+    /// Damping B of these walls, in N s/m.
     pub damping_n_s_per_m: f64,
-    /// Lowest K, N/m. 0 if the softest wall of the study is stable.
+    /// The lowest stable K, in N/m. It is 0 if the softest wall of the study is stable.
     pub stiffness_low_n_per_m: f64,
-    /// Highest K, N/m. 0 if no wall is stable.
+    /// The highest stable K, in N/m. It is 0 if no wall is stable.
     pub stiffness_high_n_per_m: f64,
 }
 
-/// Key of a boundary: estimator, cutoff, period and design.
+/// Names a table of the envelope by estimator, cutoff, output period and design.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key {
     /// Estimator of the boundary.
     pub estimator: EstimatorName,
-    /// Nominal cutoff of the estimator, Hz.
+    /// Nominal cutoff of the estimator, in Hz.
     pub cutoff_hz: f64,
     /// Samples from output to output.
     pub period: u32,
-    /// Number of the [design](crate::device::designs) that equals the estimator with all of its parameters. 0: no
-    /// design, and the further parameters have their defaults.
+    /// Number of the [design](crate::device::designs) that equals the estimator with all of its parameters. It is 0 if
+    /// there is no such design; the further parameters then have their defaults.
     pub design: u8,
 }
 
@@ -43,14 +43,14 @@ pub struct Key {
 pub struct Boundary<'a> {
     /// Key of the boundary.
     pub key: Key,
-    /// Points by rising B.
+    /// The points of the table, in the order of rising B.
     pub points: &'a [Point],
 }
 
-/// All boundaries of a device, as words of its record. [`words`](self) has their layout.
+/// All tables of a device, as words of its record. `words.rs` describes their layout.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Envelope<'a> {
-    /// Words of complete boundaries, checked.
+    /// The words of complete tables. They are already checked.
     words: &'a [u32],
 }
 
@@ -59,12 +59,12 @@ pub struct Envelope<'a> {
 pub enum Outside {
     /// The envelope has no table for this estimator, cutoff and output period.
     UnknownKey,
-    /// B is beyond the last point, N s/m.
+    /// B is larger than the largest B of the table.
     Damping {
-        /// Largest B of the boundary, N s/m.
+        /// The largest B of the table, in N s/m.
         highest: f64,
     },
-    /// K is outside the interval of this B, N/m.
+    /// K is outside the interval that is stable at this B.
     Stiffness {
         /// Lowest K that is stable, N/m.
         lowest: f64,
@@ -108,7 +108,8 @@ impl fmt::Display for Outside {
     }
 }
 
-/// Cutoffs with a smaller relative difference are equal, because both come from decimal numbers.
+/// Two cutoffs with a smaller relative difference count as equal. Both come from decimal numbers, so they may differ by
+/// rounding.
 const SAME: f64 = 1e-9;
 
 fn same(a: f64, b: f64) -> bool {
@@ -116,7 +117,7 @@ fn same(a: f64, b: f64) -> bool {
 }
 
 impl<'a> Envelope<'a> {
-    /// The envelope without tables: every wall is refused.
+    /// An envelope without tables, in which every wall is refused.
     pub const EMPTY: Self = Self { words: &[] };
 
     /// Hash of the words. Other words almost certainly have another hash.
@@ -126,7 +127,7 @@ impl<'a> Envelope<'a> {
 
     /// Checks that the wall with K = `k` N/m and B = `b` N s/m is predicted to be stable.
     ///
-    /// Between two points a K is allowed if both points allow it. The line between the two points is not used. Below
+    /// Between two points of the table, a K is allowed if both points allow it. No line is drawn between them. Below
     /// the first B the limit is the line from K = 0 at B = 0 to the first point. The boundary there is on or above this
     /// line, because K rises from at least 0 with a falling slope. If the lowest K of the first point is above 0, no
     /// wall with a smaller B is known to be stable. A wall without K and B exerts no force and is always allowed.
@@ -151,12 +152,12 @@ impl<'a> Envelope<'a> {
         }
     }
 
-    /// All boundaries: each key with its points.
+    /// Returns all tables, each as its key and its points.
     pub fn boundaries(&self) -> impl Iterator<Item = (Key, impl Iterator<Item = Point> + 'a)> {
         self.tables().map(|(key, rows)| (key, rows.points()))
     }
 
-    /// Keys of the boundaries with the output period of `key`.
+    /// Returns the keys of all tables that have the output period of `key`.
     pub fn beside(&self, key: &Key) -> impl Iterator<Item = Key> {
         let period = key.period;
         self.tables().map(|(key, _)| key).filter(move |known| known.period == period)
@@ -171,7 +172,7 @@ impl Key {
     }
 }
 
-/// Lowest and highest K at `b`.
+/// The lowest and the highest K that are stable at `b`.
 fn interval_at(rows: Rows<'_>, b: f64) -> Result<[f64; 2], Outside> {
     let (Some(first), Some(last)) = (rows.points().next(), rows.points().last()) else {
         return Err(Outside::UnknownKey);
@@ -216,7 +217,7 @@ mod tests {
         point(50.0, 0.0, 0.0),
     ];
 
-    /// The answer of a table with those points.
+    /// Asks a table with these points.
     fn of(points: &[Point], key: &Key, k: f64, b: f64) -> Result<(), Outside> {
         let mut words = [0; 64];
         let words = Envelope::put(&[Boundary { key: KEY, points }], &mut words).unwrap();
@@ -248,7 +249,8 @@ mod tests {
             }
         }
         assert_eq!(allows(0.0, 50.1), Err(Outside::Damping { highest: 50.0 }));
-        // neighbours without a common K, a point without any K, and K without B
+        // The cases are: two neighbouring points that have no K in common, a point without any stable K, and a wall
+        // without B.
         for (k, b) in [(6500.0, 35.0), (0.0, 50.0), (1.0, 45.0), (1.0, 0.0)] {
             assert_eq!(allows(k, b), Err(Outside::NoStiffness), "{b}");
         }

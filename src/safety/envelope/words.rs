@@ -1,4 +1,4 @@
-//! A table of boundaries as words of the device record.
+//! The tables of the envelope, as words of the device record. A boundary is one table.
 //!
 //! ```text
 //! boundary: number of the estimator, in its upper half that of the design (0: none), cutoff (an f64, low word first),
@@ -42,7 +42,8 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Estimator, cutoff, period and rows of the boundary at the beginning of these words, and the words after it.
+/// The boundary at the beginning of some words, as estimator, cutoff, period and rows. The last field are the words
+/// after it.
 type Split<'a> = ((u32, f64, u32, Rows<'a>), &'a [u32]);
 
 fn split(words: &[u32]) -> Option<Split<'_>> {
@@ -54,7 +55,8 @@ fn split(words: &[u32]) -> Option<Split<'_>> {
 }
 
 impl<'a> Envelope<'a> {
-    /// The table in those words. `None` if they are not complete boundaries with finite rows by rising B.
+    /// Reads the tables from these words. Returns `None` unless all are complete, and their rows are finite and in the
+    /// order of rising B.
     pub fn read(words: &'a [u32]) -> Option<Self> {
         let mut rest = words;
         while !rest.is_empty() {
@@ -67,7 +69,7 @@ impl<'a> Envelope<'a> {
         Some(Self { words })
     }
 
-    /// Writes those boundaries to the front of `words`. Returns the written words, or `None` without room.
+    /// Writes these boundaries to the front of `words`. Returns the written words, or `None` if there is no room.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "halves, and values that are rounded to f32"
@@ -98,7 +100,7 @@ impl<'a> Envelope<'a> {
         words.get(..length)
     }
 
-    /// Boundaries whose estimator this build has.
+    /// Returns the boundaries whose estimator this build has.
     pub(super) fn tables(&self) -> impl Iterator<Item = (Key, Rows<'a>)> + use<'a> {
         let mut rest = self.words;
         core::iter::from_fn(move || {
@@ -114,8 +116,8 @@ impl<'a> Envelope<'a> {
     }
 }
 
-/// This range rounded inward. If no f32 is inside, as with a single stiffness, both ends become the next f32. This is
-/// allowed, because the stiffness is known only to one step of the walk, which is far larger.
+/// Rounds both ends of a range to the inside. If no f32 is inside, for example because both ends are equal, both become
+/// the nearest f32. This is allowed, because the stiffness is known only to one step of the walk, which is far larger.
 #[expect(clippy::cast_possible_truncation, reason = "rounded")]
 fn inward(low: f64, high: f64) -> (f32, f32) {
     let (inside, top) = (above(low), below(high));
@@ -184,7 +186,7 @@ mod tests {
         assert_eq!(inward(1.0, 1.0 + 0.9 * ulp), (1.0, 1.0));
     }
 
-    /// The row of a rotary device has one stiffness. No f32 is equal to it.
+    /// This row comes from a rotary device. It allows a single stiffness, which no f32 equals.
     #[test]
     fn a_row_of_a_single_stiffness_keeps_it() {
         let k = 13_074.827_751_962_837;

@@ -22,12 +22,13 @@ use crate::{
     units::{Demand, Force, Position},
 };
 
-/// A request of an experiment. The [`Supervisor`] decides how much of the push acts.
+/// The push that an experiment proposes. The [`Supervisor`] decides how much of it acts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Proposal {
     /// Force into the wall.
     pub push: Force,
-    /// The handle is held on purpose, as in a calibration. A push without motion is then no sign of a dead encoder.
+    /// Whether the handle is held on purpose, as in a calibration. A push without motion is then no sign of a dead
+    /// encoder.
     pub still: bool,
 }
 
@@ -37,7 +38,7 @@ pub struct Proposal {
 pub struct Rendered {
     /// Command for the output.
     pub grant: OutputCommand,
-    /// Record for telemetry and black box. `settings` is left 0.
+    /// Record for telemetry and black box. Its field `settings` is 0, and is filled in later.
     pub record: Record,
 }
 
@@ -47,7 +48,7 @@ pub struct Supervisor {
     plan: Doubled<SafetyPlan>,
     state: Doubled<State>,
     sign: SignTest,
-    /// Outputs since the ramp began.
+    /// Number of outputs since the ramp of the force began.
     ramp: u32,
     fade: Option<GainFade>,
     /// The energy account of the wall's port.
@@ -78,7 +79,7 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// A supervisor that is off, or in the fault of the last run.
+    /// Makes a supervisor that is off, or that has the fault `boot` of the last run.
     pub fn new(plan: SafetyPlan, boot: Option<FaultRecord>) -> Self {
         Self {
             plan: Doubled::new(plan),
@@ -108,9 +109,9 @@ impl Supervisor {
         }
     }
 
-    /// The output for the sample of `up`: as much of the requests of experiment and wall as may act. `guard` has the
-    /// guard's findings. `control` must belong to the same sample. Write the output, then publish [`down`](Self::down),
-    /// and store the result of [`take_memory_update`](Self::take_memory_update).
+    /// Returns the output for the sample of `up`. Its force is what experiment and wall ask for, as far as it may act.
+    /// `guard` has the guard's findings. `control` must belong to the same sample. Write the output, then publish
+    /// [`down`](Self::down), and store the result of [`take_memory_update`](Self::take_memory_update).
     #[inline]
     pub fn grant(
         &mut self,
@@ -120,7 +121,7 @@ impl Supervisor {
         (proposal, drive): (Proposal, Drive),
         inputs: Inputs,
     ) -> Rendered {
-        // Check the state before it changes: a change writes both copies.
+        // The state is checked before it changes, because a change writes both copies and would hide a flipped bit.
         let found = inputs.found.with_if(Fault::Memory, !self.state.is_whole());
         let inputs = Inputs { found, ..inputs };
         self.inputs = inputs;
@@ -208,9 +209,9 @@ impl Supervisor {
         !up.present.is_empty() || guard.events != self.down.acknowledged
     }
 
-    /// The command for the task `sample`, after the last output or [`request`](Self::request). Publish it after the
-    /// output hardware is written. If a request must not wait for the next output (a stall, a zero), publish it at
-    /// once.
+    /// Returns the command for the task `sample`, after the last output or [`request`](Self::request). Publish it after
+    /// the output is written to the hardware. After a request that cannot wait for the next output, such as a stall or
+    /// a zero, publish it at once.
     #[inline]
     pub fn down(&self) -> GuardCommand {
         self.down
@@ -222,8 +223,8 @@ impl Supervisor {
         self.memory.take()
     }
 
-    /// Keeps the first fault, and notes later faults. If a fault is kept although the force is on, a bit has flipped.
-    /// Then the fault is replaced.
+    /// Keeps the first fault, and notes later faults. If there is already a fault although the force is on, a bit has
+    /// flipped. Then the new fault replaces it.
     #[inline]
     fn trip(&mut self, record: Option<FaultRecord>) {
         let Some(record) = record else {
@@ -245,8 +246,9 @@ impl Supervisor {
         self.down.zeros.number() != self.zeros
     }
 
-    /// Notes a zeroing that `sample` has carried out. The zeroing renamed the motion. So a change must start from the
-    /// force of the last output. Returns this force.
+    /// Notes a zeroing that `sample` has carried out. The positions then have other numbers, so the old settings no
+    /// longer give the old force. A change of the force must start from the force of the last output, which is
+    /// returned.
     fn follow_zero(&mut self, guard: &Guard) -> Option<Force> {
         if guard.zeros == self.zeros {
             return None;
@@ -256,7 +258,7 @@ impl Supervisor {
         self.last.force()
     }
 
-    /// Latches every present fault.
+    /// Finds all faults that are present, and latches them.
     #[inline]
     fn look(
         &mut self,
@@ -272,8 +274,8 @@ impl Supervisor {
             .with_if(Fault::BrownOut, !inputs.supply_good)
             .with_if(Fault::Settings, !inputs.settings_valid)
             .with_if(Fault::Debugger, inputs.halted);
-        // With the force off these causes only prevent `arm`. A cause of the latched fault prevents `clear` as long as
-        // it is present.
+        // With the force off these causes are no fault, and only prevent `arm`. But a cause of the latched fault
+        // prevents `clear` as long as it is present.
         let relevant = if on { outside } else { outside.without(outside.without(self.causes)) };
         let found = up.present.union(inputs.found);
         let found = found.with_if(Fault::OutOfRange, !up.motion.position.in_range());
@@ -303,7 +305,8 @@ impl Supervisor {
         }
     }
 
-    /// The fault of many late outputs in a row. The guard has found each late output.
+    /// Returns the fault of a stuck `render`, if outputs are late for a long time. The guard has found each single late
+    /// output.
     #[inline]
     fn stuck(&self, motion: Motion) -> FaultSet {
         let behind = motion.number().wrapping_sub(self.down.rendered);
@@ -311,7 +314,8 @@ impl Supervisor {
         FaultSet::EMPTY.with_if(Fault::StuckRender, stuck)
     }
 
-    /// A record of `causes` with the present circumstances. The fault of the record is the first cause.
+    /// Makes a record of `causes` with the present position, velocity and force. The fault of the record is the first
+    /// cause.
     #[inline]
     fn here(&self, motion: Motion, causes: FaultSet) -> Option<FaultRecord> {
         causes.first().map(|fault| FaultRecord {
@@ -325,7 +329,7 @@ impl Supervisor {
         })
     }
 
-    /// The force that may act now; none if no force may act.
+    /// Returns the force that may act now, or `None` if no force may act.
     #[inline]
     fn force(
         &mut self,
@@ -364,7 +368,7 @@ impl Supervisor {
 
     /// `full`, scaled by the progress of the ramp.
     fn ramped(&mut self, full: Force) -> Force {
-        // The step from the sign test's force to 0 uses the first millisecond.
+        // The first millisecond is for the step from the force of the sign test to 0, so the ramp begins after it.
         let ramped = self.ramp.saturating_sub(self.plan.per_ms - 1);
         if ramped >= self.plan.ramp_renders {
             self.state.set(State::Armed);
@@ -376,7 +380,7 @@ impl Supervisor {
         Demand::from_bits(force).saturate().0
     }
 
-    /// `force` after the limit of the wall's passivity controller, if there is one. The result is between `force` and
+    /// Limits `force` by the passivity controller of the wall, if there is one. The result is between `force` and
     /// `push`.
     #[inline]
     fn within_port(&mut self, force: Force, push: Force, at: (bool, Position)) -> Force {

@@ -1,4 +1,4 @@
-//! Requests between two outputs (arm, disarm, clear, zero, unlock), and the check of new settings.
+//! Carries out requests such as `arm`, `disarm`, `clear` and `zero` between two outputs, and checks new settings.
 
 use core::num::NonZeroU32;
 
@@ -24,7 +24,7 @@ impl Supervisor {
             Request::Zero => self.zero(),
             Request::Unlock => self.unlock(),
             Request::Turn if self.state.is_on() => Err(Refusal::On),
-            // The zero would be carried out with the new direction of the count.
+            // A zero that is under way would be carried out with the new direction of the count.
             Request::Turn if self.zero_pending() => Err(Refusal::Zeroing),
             Request::Turn => {
                 self.zeroed = false;
@@ -55,8 +55,8 @@ impl Supervisor {
     }
 
     /// Prepares another output period. The new period comes into force with the next parameters, if
-    /// [`may_change`](Self::may_change) allows it. The next output is still due by the old period. At that time the
-    /// guard already has the new period. It must not report this output as late.
+    /// [`may_change`](Self::may_change) allows it. The next output is still due after the old period, but by then the
+    /// guard already has the new one. It must not report this output as late.
     #[inline(never)] // once in a while, and not to be in the way of what comes with every output
     pub fn set_period(&mut self, old: NonZeroU32, new: NonZeroU32) {
         self.plan.set(self.plan.at(new.get()));
@@ -66,12 +66,12 @@ impl Supervisor {
 
     /// Checks that settings may change between this output and the next sample. Gains may always change, because their
     /// change fades in. The wall's position and the velocity estimator may not change in contact. This is checked here,
-    /// because the link only knew an older output. A wall must not be put over the handle, because it would throw the
-    /// handle out.
+    /// because the console only knew an older output. A wall must not be put over the handle, because it would throw
+    /// the handle out.
     ///
     /// # Errors
-    /// The handle is in contact, before or after the change. Or a zero is pending, so that the handle's position from
-    /// the next sample on is not known.
+    /// The handle is in contact before or after the change, or a zero is under way. In the latter case the position
+    /// from the next sample on is not known.
     pub fn may_change(&self, from: &LoopParameters, to: &LoopParameters) -> Result<(), Refusal> {
         let moved = from.wall.surface() != to.wall.surface();
         let same = from.estimator == to.estimator && from.period == to.period && !moved;

@@ -1,10 +1,10 @@
-//! A fade has steps of at most 5 %, and never changes the sign of the wall's force.
+//! Tests that a fade has steps of at most 5 %, and that it never changes the sign of the wall's force.
 
 use super::*;
 use crate::units::Position;
 use proptest::prelude::*;
 
-/// Armed. A hand holds the handle 100 counts deep in a wall of that stiffness.
+/// An armed bench on which a hand holds the handle 100 counts deep in a wall of this stiffness.
 pub fn in_the_wall(stiffness_n_per_m: f64) -> Bench {
     let mut bench = Bench::armed();
     bench.held = true;

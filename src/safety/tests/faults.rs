@@ -1,4 +1,4 @@
-//! Faults: which are found, how soon, and how they end.
+//! Tests which faults are found, how soon, and how they end.
 
 use super::*;
 
@@ -27,7 +27,7 @@ fn a_count_jump_is_off_with_the_same_sample() {
     bench.offset = bench.offset.wrapping_add(600);
     let step = bench.sample();
     assert!(step.report.present.contains(Fault::CountJump) && bench.output.is_none());
-    // and stays off by the task `sample` alone, whatever `render` writes meanwhile
+    // The task `sample` alone keeps it off, whatever `render` writes meanwhile.
     for _ in 0..50 {
         let step = bench.sample();
         assert!(step.cut || step.due);
@@ -130,8 +130,8 @@ fn a_missing_output_is_off_when_the_next_is_due_and_a_stuck_task_is_named() {
     bench.recover();
 }
 
-/// `render` runs again when the next sample has already noted the delay. Then the guard's findings are newer than the
-/// sample of the output.
+/// The task `render` runs again only after the next sample has noted the delay. So the guard's findings are newer than
+/// the sample of the output.
 #[test]
 fn a_late_output_is_named_with_the_sample_at_which_it_was_missed() {
     let mut bench = Bench::armed();
@@ -166,7 +166,7 @@ fn stop_supply_settings_and_debugger_are_off_within_one_output_and_need_their_ca
         bench.inputs = GOOD;
         bench.run(20);
         bench.recover();
-        // with the force off this is no fault, and only prevents `arm`
+        // With the force off this is no fault, and only prevents `arm`.
         bench.ask(Request::Disarm).unwrap();
         bench.inputs = inputs;
         bench.run(20);
@@ -186,7 +186,8 @@ fn an_encoder_that_dies_in_free_motion_is_found_by_the_push() {
     assert_eq!(bench.fault(), Some(Fault::PushWithoutMotion));
 }
 
-/// Behind the surface a handle may lean on the wall, but not if the wall has no force.
+/// Behind the surface a handle may rest against the wall, so a lack of motion is no fault there. A wall without force
+/// cannot hold the handle.
 #[test]
 fn an_encoder_that_dies_behind_a_wall_without_force_is_found_too() {
     for (stiffness, found) in [(0.0, true), (1000.0, false)] {

@@ -1,4 +1,4 @@
-//! Guard and supervisor together, as in the two tasks.
+//! Tests guard and supervisor together, as they run in the two tasks.
 
 use super::{plan::tests::*, *};
 use crate::{
@@ -33,7 +33,8 @@ pub(super) fn control(position_m: f64, stiffness_n_per_m: f64) -> LoopParameters
     settings.build(&DESIGN).unwrap()
 }
 
-/// Both tasks, a motor and a handle: 0.4 kg, 5.5 N s/m, 5.906 N at full scale, 1 um, 10 kHz.
+/// Both tasks, a motor of 5.906 N at full scale, and a handle of 0.4 kg with 5.5 N s/m. A count is 1 um, and samples
+/// come at 10 kHz.
 #[derive(Clone)]
 struct Bench {
     control: LoopParameters,
@@ -45,21 +46,21 @@ struct Bench {
     /// Whether the handle is held on purpose.
     still: bool,
     inputs: Inputs,
-    /// Outputs that the task `render` misses from now on.
+    /// Number of outputs that the task `render` will miss from now on.
     missing: u32,
-    /// Samples by which the next output is late. The next field: the requested output.
+    /// Number of samples by which the next output is late. `asked` is the output that was requested.
     delay: u32,
     asked: Option<(u32, Step)>,
-    /// The encoder does not count.
+    /// Whether the encoder is dead, so that it does not count.
     dead: bool,
-    /// A vice holds the handle.
+    /// Whether a vice holds the handle.
     held: bool,
     /// Sign of the motor.
     motor: f64,
     position_m: f64,
     velocity_m_per_s: f64,
     offset: u32,
-    /// State of the hardware: the last grant, unless the task `sample` cut it.
+    /// The force that the hardware gives. It is the last granted force, unless the task `sample` has cut it.
     output: Option<Force>,
     last: Option<Rendered>,
     updates: Vec<MemoryUpdate>,
@@ -145,7 +146,7 @@ impl Bench {
         }
     }
 
-    /// Samples until the output is off, at most 10 000.
+    /// Runs until the output is off, at most 10 000 samples. Returns the number of samples.
     fn samples_until_off(&mut self) -> u32 {
         (1..=10_000)
             .find(|_| {
@@ -191,7 +192,7 @@ impl Bench {
         self.control = control.after(&self.control);
     }
 
-    /// A hand moves the handle by that many counts until the next output.
+    /// A hand moves the handle by `counts` until the next output.
     fn drag(&mut self, counts: i32) {
         for _ in 0..10 {
             self.position_m += f64::from(counts) * 1e-7;
@@ -199,7 +200,7 @@ impl Bench {
         }
     }
 
-    /// After a fault: clear, then arm again.
+    /// After a fault, clears it and arms again.
     fn recover(&mut self) {
         self.ask(Request::Clear).unwrap();
         self.run(20);

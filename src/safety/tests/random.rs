@@ -1,4 +1,4 @@
-//! Random sequences of events and commands.
+//! Tests with random sequences of events and commands.
 
 use super::*;
 use crate::{
@@ -80,12 +80,13 @@ impl Bench {
                     Request::Turn => (Command::MotorReversed(true), false),
                     _ => (Command::Help, false),
                 };
-                // Commands that the link refuses are refused here too. But `arm` waits for a pending zero.
+                // A command that the console refuses is refused here too. The exception is `arm` before a zero that is
+                // under way.
                 match allowed(&command, &now) {
                     Err(Refusal::NotZeroed) => {}
                     Err(_) => assert!(result.is_err(), "{request:?}"),
                     Ok(()) => {
-                        // Refusals that the link cannot predict.
+                        // The console cannot predict these refusals.
                         let newer = [Err(Refusal::WallThere), Err(Refusal::Zeroing)];
                         let known = result.is_ok() || newer.contains(&result);
                         assert!(known || same || command == Command::Help, "{result:?}");
@@ -178,7 +179,7 @@ proptest! {
                         (State::Off | State::Fault | State::SignTest, State::SignTest) => true,
                         (State::SignTest | State::RampIn, State::RampIn) => true,
                         (State::RampIn | State::Armed, State::Armed) => true,
-                        // disarmed and armed again between two outputs
+                        // The bench was disarmed and armed again between two outputs.
                         (State::RampIn | State::Armed, State::SignTest) => true,
                         _ => false,
                     };
@@ -189,8 +190,8 @@ proptest! {
         }
     }
 
-    /// A random walk of gains and pushes while armed. Beyond the change by motion, the force never changes by more than
-    /// 5 % per output. Here the handle is held in the wall, so there is no change by motion, and the wall stays.
+    /// Gains and pushes change at random while armed. The force must never change by more than 5 % per output. The
+    /// handle is held in the wall, so its motion does not change the force, and the wall's position stays.
     #[test]
     fn changes_are_ramped(
         walls in prop::collection::vec((0.0..1e6f64, -(1i32 << 30)..=1 << 30, 1u32..30), 1..WALLS)

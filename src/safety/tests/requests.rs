@@ -1,4 +1,4 @@
-//! Requests, and their refusals.
+//! Tests the requests to the supervisor, and their refusals.
 
 use super::*;
 
@@ -125,8 +125,8 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
     assert_eq!(bench.fault(), Some(Fault::CountJump));
 }
 
-/// After the command `zero`, only a later sample moves the origin of the position. Until then it is not known whether
-/// the handle is in a wall.
+/// After the command `zero`, a later sample makes the position zero. Until then it is not known whether the handle will
+/// be in a wall.
 #[test]
 fn while_a_zero_is_under_way_nothing_is_armed_and_no_wall_is_moved() {
     let mut bench = Bench::armed();
@@ -189,7 +189,7 @@ fn another_tuning_starts_anew_with_its_first_sample() {
     }
 }
 
-/// The guard gets the force that acts, 0 while off, and passes it to the estimator.
+/// The guard gets the force that acts, which is 0 while off. It passes this force to the estimator.
 #[test]
 #[cfg(feature = "estimators")]
 fn an_observer_under_guard_knows_the_force_last_granted() {
@@ -229,7 +229,8 @@ fn an_observer_under_guard_knows_the_force_last_granted() {
     assert!(told < 0.2 * untold, "{told} {untold}");
 }
 
-/// At the surface itself a handle is free. So a wall may be put right before the handle, but not one count farther.
+/// A handle at the surface itself is not in contact. So the surface may be moved up to the handle, but not one count
+/// farther.
 #[test]
 fn a_wall_may_be_put_before_the_handle_and_not_over_it() {
     let mut bench = Bench::armed();
@@ -243,7 +244,7 @@ fn a_wall_may_be_put_before_the_handle_and_not_over_it() {
     }
 }
 
-/// The record of each output, from off to armed, and during a change of the wall.
+/// Checks the flags in the record of each output, from off to armed and during a change of the wall.
 #[test]
 fn flags_tell_armed_and_changing() {
     use crate::telemetry::Flags;

@@ -23,7 +23,7 @@ fn plan() -> SafetyPlan {
     SETTINGS.build(&DESIGN).unwrap()
 }
 
-/// A force that is this much above the limit.
+/// A force that is `bits` LSB above the limit of 10 %.
 fn above(bits: i32) -> Force {
     Force::saturating_from_bits(PUSH_FORCE + bits)
 }
@@ -52,7 +52,7 @@ fn a_dead_count_is_found_after_50_ms() {
     assert_eq!(fails_at(|_| (out(), false, 7)), Some(50));
 }
 
-/// A count that moves as far as the heaviest handle passes. One count less fails.
+/// A count that moves exactly as far as the heaviest handle passes the check. With one count less the check fails.
 #[test]
 fn the_way_of_the_heaviest_handle_itself_is_enough() {
     for (moved, fails) in [(5, false), (4, true)] {
@@ -87,8 +87,8 @@ fn small_forces_contact_and_changes_of_direction_start_it_anew() {
     assert!((0..200).all(|_| !watch.failed(&plan(), None, false, Position::default())));
 }
 
-/// Positions at each output, counts. A handle of that mass and damping starts at rest, under that part of full scale
-/// less 10 %.
+/// Computes the positions of a handle with this mass and damping at each output, in counts. It starts at rest. The
+/// force on it is the part `force` of full scale, less 10 %.
 fn moves(design: &Design, kg: f64, damping: f64, force: f64) -> impl FnMut(u32) -> i32 {
     let steps = 100;
     let step_s = design.period_s() / f64::from(steps);
@@ -115,7 +115,7 @@ fn a_count_that_moves_less_than_the_heaviest_handle_is_found() {
             (7.7, 105.0, None),
             (8.4, 115.0, Some(50)),
             (20.0, 0.0, Some(50)),
-            // moves as far at first, but not later
+            // This handle at first moves as far as the heaviest one, but not later.
             (2.0, 140.0, Some(150)),
         ] {
             let mut place = moves(&DESIGN, kg, damping, force);

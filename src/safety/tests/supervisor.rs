@@ -15,7 +15,7 @@ fn supervisor() -> Supervisor {
     Supervisor::new(SETTINGS.build(&DESIGN).unwrap(), None)
 }
 
-/// A change of any single copy is found.
+/// A flipped bit in any of the doubled values is found.
 #[test]
 fn it_is_whole_until_a_copy_differs() {
     assert!(supervisor().is_whole());
@@ -87,7 +87,7 @@ fn a_flipped_state_is_found_by_an_output_that_changes_it() {
     }
 }
 
-/// The output is cut by a report with a cause, or by events that `clear` has not covered.
+/// The task `sample` has cut the output if its report has a fault, or if there were events after the last `clear`.
 #[test]
 fn it_is_cut_by_what_is_there_or_was_not_cleared() {
     let mut supervisor = supervisor();
@@ -103,7 +103,7 @@ fn it_is_cut_by_what_is_there_or_was_not_cleared() {
     assert!(supervisor.is_cut(&quiet, &none));
 }
 
-/// The fault is the first finding of the task `sample`, not the finding with the lowest code.
+/// The fault is what the task `sample` found first, not the finding with the lowest code.
 #[test]
 fn a_fault_of_the_guard_is_named_after_what_it_found_first() {
     let mut supervisor = supervisor();
@@ -132,7 +132,7 @@ fn beyond_travel_is_beyond_its_ends() {
     }
 }
 
-/// A requested fault has the circumstances of the last output.
+/// The record of a requested fault has position, velocity and force of the last output.
 #[test]
 fn a_trip_keeps_what_the_last_output_was() {
     let mut supervisor = supervisor();
@@ -152,7 +152,7 @@ fn a_trip_keeps_what_the_last_output_was() {
     assert_eq!(record.flags, supervisor.record.flags);
 }
 
-/// The caller gets the fault of the bit, not a fault that never occurred.
+/// A flipped bit has made a fault that never occurred. The new fault, which reports the flipped bit, replaces it.
 #[test]
 fn a_fault_that_a_bit_has_made_gives_way_to_what_found_it() {
     let mut broken = supervisor();
