@@ -10,6 +10,7 @@
 //! | `place`, `random` | words and registers in which a bit can flip; random flips |
 //! | `sample_bits` | each bit of what `sample` keeps, at several cutoffs, estimators and output periods |
 //! | `image_flips` | flips in the program in flash |
+//! | `tally` | number of flips for each result, and shares |
 //! | `verdict` | the result of a fault |
 //! | `run` | faults on several threads |
 //! | `report` | options and printed results |
@@ -29,4 +30,5 @@ pub mod rows;
 pub mod run;
 pub mod sample_bits;
 pub mod situation;
+pub mod tally;
 pub mod verdict;

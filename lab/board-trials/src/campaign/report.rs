@@ -1,12 +1,11 @@
 //! `cargo board campaign`: its options and its output.
 
-use std::{collections::BTreeMap, path::PathBuf, time::Instant};
+use std::{path::PathBuf, time::Instant};
 
 use clap::Args;
 use host_sim::{
     error::Error,
     output::terminal::{note, print_json, print_text},
-    scene::{MotorTable, NamedScene},
 };
 use serde::Serialize;
 use virtual_board::{
@@ -22,7 +21,8 @@ use super::{
     rows::rows,
     run::Ground,
     sample_bits::{SampleBits, sample_bits},
-    situation::Situation,
+    situation::{Situation, scene},
+    tally::Tally,
     verdict::{CLASSES, Class, Verdict},
 };
 use crate::threads::cores;
@@ -156,30 +156,6 @@ struct ImageFlipJson {
     off_s: Option<f64>,
     wrong_s: f64,
     speed_m_per_s: f64,
-}
-
-/// Number of flips for each result.
-#[derive(Serialize)]
-pub struct Tally<K: Ord>(BTreeMap<K, u64>);
-
-impl<K: Ord> Tally<K> {
-    pub(super) fn of(each: impl Iterator<Item = K>) -> Self {
-        let mut counts = BTreeMap::new();
-        each.for_each(|key| *counts.entry(key).or_default() += 1);
-        Self(counts)
-    }
-
-    fn count(&self, key: K) -> u64 {
-        self.0.get(&key).copied().unwrap_or_default()
-    }
-
-    pub(super) fn all(&self) -> u64 {
-        self.0.values().sum()
-    }
-
-    fn share(&self, key: K) -> [f64; 3] {
-        share(self.count(key), self.all())
-    }
 }
 
 /// Runs the campaign.
@@ -338,19 +314,6 @@ impl Json {
     }
 }
 
-/// The scene of the board's own device. With `current_sense`, the amplifier of this scene has a current signal.
-pub(super) fn scene(board: Board, current_sense: bool) -> Result<NamedScene, Error> {
-    let mut named = NamedScene::load(board.name)?;
-    if current_sense {
-        let motor = named.scene.motor.unwrap_or_default();
-        let (rest, full) = (Some(0.5), Some(0.8));
-        named.scene.motor =
-            Some(MotorTable { current_sense_rest: rest, current_sense_full: full, ..motor });
-        named.name = "current-sense".into();
-    }
-    Ok(named)
-}
-
 /// The rows that the option `--rows` selects.
 fn chosen(board: Board, options: &Campaign) -> Result<Vec<Row>, Error> {
     let all = rows(board, options.current_sense);
@@ -398,20 +361,6 @@ impl RegionJson {
             )
         })
     }
-}
-
-/// The share `of / all`, and the lower and upper end of its 95 % interval by Wilson's formula.
-fn share(of: u64, all: u64) -> [f64; 3] {
-    const Z: f64 = 1.96;
-    if all == 0 {
-        return [0.0, 0.0, 1.0];
-    }
-    #[expect(clippy::cast_precision_loss, reason = "counts of runs")]
-    let (n, p) = (all as f64, of as f64 / all as f64);
-    let middle = p + Z * Z / (2.0 * n);
-    let half = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-    let whole = 1.0 + Z * Z / n;
-    [p, ((middle - half) / whole).max(0.0), ((middle + half) / whole).min(1.0)]
 }
 
 fn percent(share: f64) -> String {
@@ -512,17 +461,5 @@ mod tests {
                 !slugs.contains(&"all".to_owned()) && slugs.iter().all(|slug| !slug.is_empty())
             );
         }
-    }
-
-    /// With no case of n = 10,000, Wilson's interval ends at z^2 / (n + z^2). With half of all cases, the interval is
-    /// symmetric.
-    #[test]
-    fn a_share_has_its_interval() {
-        let [share_0, low, high] = share(0, 10_000);
-        assert_eq!((share_0, low), (0.0, 0.0));
-        assert!((high - 3.841_6 / 10_003.841_6).abs() < 1e-9, "{high}");
-        let [half, low, high] = share(500, 1_000);
-        assert!((half - 0.5).abs() < 1e-12 && (low + high - 1.0).abs() < 1e-12);
-        assert!((0.469..0.470).contains(&low), "{low}");
     }
 }

@@ -7,8 +7,8 @@ use virtual_board::{board::Board, image, session::Session, world::World};
 use super::{
     place::{Region, flip_word},
     random::run_to_flip,
-    report::{Tally, scene},
-    situation::{Situation, Stage, boot},
+    situation::{Situation, Stage, boot, scene},
+    tally::Tally,
     verdict::{Class, Measure, Verdict},
 };
 use crate::{random::Random, threads::on_threads};

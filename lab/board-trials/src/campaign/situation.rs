@@ -1,6 +1,11 @@
 //! The situations in which a fault is caused. Also records the force in each situation without a fault.
 
+use host_sim::{
+    error::Error,
+    scene::{MotorTable, NamedScene},
+};
 use virtual_board::{
+    board::Board,
     session::{Failed, Session, ask, ask_each},
     world::{Seen, Snapshot, World},
 };
@@ -50,6 +55,19 @@ const PUSH_N: f64 = 2.835;
 /// Number of samples for which the board is watched after a fault at the full force.
 pub const FULL_SAMPLES: u64 = 250;
 const ARM_SAMPLES: u64 = 4_000;
+
+/// The scene of the board's own device. With `current_sense`, the amplifier of this scene has a current signal.
+pub fn scene(board: Board, current_sense: bool) -> Result<NamedScene, Error> {
+    let mut named = NamedScene::load(board.name)?;
+    if current_sense {
+        let motor = named.scene.motor.unwrap_or_default();
+        let (rest, full) = (Some(0.5), Some(0.8));
+        named.scene.motor =
+            Some(MotorTable { current_sense_rest: rest, current_sense_full: full, ..motor });
+        named.name = "current-sense".into();
+    }
+    Ok(named)
+}
 
 /// Switches on a board. Its simulation continues even if the core locks up.
 pub(super) fn boot(session: &Session) -> Result<World<'_>, Failed> {
