@@ -103,9 +103,9 @@ fn constant_speed_is_measured_within_the_stated_error() {
 }
 
 /// Compares the weights with independent closed expressions. Some are the derivative of the parabola through three
-/// points, and of the cubic through four points. A regression's slope has the weight 6 (j + 1) (w - j) / (w (w + 1) (w
-/// + 2)) for difference j. A quadratic fit follows every parabola. Of all weights that do so, the weights of the fit
-/// have the least sum of squares.
+/// points, and of the cubic through four points. A regression's slope has this weight for difference j:
+/// `6 (j + 1) (w - j) / (w (w + 1) (w + 2))`. A quadratic fit follows every parabola. Of all weights that do so, the
+/// weights of the fit have the least sum of squares.
 #[test]
 fn weights_are_those_of_the_polynomials() {
     let close = |ours: &[f64], theirs: &[f64]| {
