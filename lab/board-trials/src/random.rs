@@ -7,6 +7,11 @@ use host_sim::notation::rounded;
 pub struct Random(pub u64);
 
 impl Random {
+    /// The random numbers of case `number` of a seed.
+    pub fn of_case(seed: u64, number: u64) -> Self {
+        Self(seed.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(number))
+    }
+
     fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut bits = self.0;

@@ -64,7 +64,7 @@ pub fn flip(
     (seed, number): (u64, u64),
     full_m_per_s2: f64,
 ) -> Result<(Situation, Flip), Error> {
-    let mut random = Random(seed.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(number));
+    let mut random = Random::of_case(seed, number);
     let region = REGIONS[usize::try_from(number % 8).unwrap_or_default()];
     let contact = number / 8 % 2 == 1;
     let situation = if contact { Situation::Contact } else { Situation::Free };

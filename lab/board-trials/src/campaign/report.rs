@@ -47,7 +47,7 @@ pub struct Campaign {
     image: u64,
     /// Flip every N-th bit of the data that `sample` keeps, at several cutoffs, estimators and output periods. 1 flips
     /// every bit, 0 flips none.
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 0, conflicts_with_all = ["elf", "current_sense"], value_parser = clap::value_parser!(u64).range(0..=10_000))]
     sample_bits: u64,
     /// Use only the setups whose console lines contain these words, such as "period 1, cutoff 50" or "kalman".
     #[arg(long, value_name = "WORDS", requires = "sample_bits", default_value = "")]

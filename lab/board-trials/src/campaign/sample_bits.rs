@@ -45,7 +45,7 @@ pub struct SampleBits {
 /// lines do not contain `part`.
 ///
 /// # Errors
-/// An image cannot be built, the board refuses a setup, or the user pressed Ctrl-C.
+/// No setup contains `part`, an image cannot be built, the board refuses a setup, or the user pressed Ctrl-C.
 pub fn sample_bits(
     board: Board,
     part: &str,
@@ -70,6 +70,12 @@ pub fn sample_bits(
             found.push(with(&session, setup, of_them, threads)?);
         }
     }
+    if found.is_empty() {
+        return Err(Error::Input(format!(
+            "--setup: no setup has the words {part}, allowed parts of `period {}, {}`",
+            PERIODS[0], cutoffs[0]
+        )));
+    }
     Ok(found)
 }
 
@@ -84,11 +90,10 @@ fn with(
         .map(|situation| Stage::new(session, (situation, &typed), STARTS, WATCHED))
         .into_iter()
         .collect::<Result<Vec<_>, _>>()?;
-    let mut read: Vec<u32> = stages.iter().flat_map(|stage| stage.read.iter().copied()).collect();
-    read.sort_unstable();
-    read.dedup();
-    read.retain(|&address| Region::at(&session.elf, address) == Region::Sample);
-    let words = read;
+    let mut words: Vec<u32> = stages.iter().flat_map(|stage| stage.read.iter().copied()).collect();
+    words.sort_unstable();
+    words.dedup();
+    words.retain(|&address| Region::at(&session.elf, address) == Region::Sample);
     let bits = 32 * words.len() as u64;
     let chosen: Vec<u64> =
         (first % step..bits).step_by(usize::try_from(step).unwrap_or(usize::MAX)).collect();
@@ -97,7 +102,7 @@ fn with(
     let flip = |world: &mut World<'_>, n: usize| {
         let (number, situation) = (chosen[n / 2], n % 2);
         let stage = &stages[situation];
-        let mut random = Random(number.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(n as u64));
+        let mut random = Random::of_case(number, n as u64);
         let start = random.one(&stage.starts);
         let working = random.below(2) == 0;
         let (begun, cycle) = run_to_flip(world, start, working, &mut random)?;

@@ -68,8 +68,7 @@ pub fn sessions(
         while done.load(Relaxed) < commands && !ended.load(Relaxed) {
             let session_number = number.fetch_add(1, Relaxed);
             run.restore(&start);
-            let random =
-                Random(seed.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(session_number));
+            let random = Random::of_case(seed, session_number);
             let (actions, end) = one(run, session, random, commands.min(SESSION));
             done.fetch_add(run.checks.counts.commands, Relaxed);
             outcome.counts += run.checks.counts;
