@@ -32,6 +32,7 @@ pub use pace::Pace;
 pub use port::Port;
 pub use refused::{Refused, RefusedLine, Unusable};
 pub use reply::Reply;
+pub use reply_channel::Unread;
 pub use rules::{Situation, allowed, is_off};
 pub use session::Console;
 pub use spoken::Spoken;

@@ -18,7 +18,8 @@ pub trait Port {
     /// The next byte that was typed, if there is one.
     fn read(&mut self) -> Option<u8>;
 
-    /// Writes one line with its end. Returns whether a channel took all of it.
+    /// Writes one line with its end. Returns whether a channel took all of it. If the board has two channels and the
+    /// line is in one of them, the other one must later get [`Unread`](super::Unread).
     fn write_line(&mut self, line: &str) -> bool;
 
     /// Sends or drops a frame of telemetry. Returns whether it was sent.

@@ -11,6 +11,22 @@ use super::{Port, REPLY_MAX, Text};
 /// task `render` a little.
 const PASSES: u8 = 32;
 
+/// Tells a host that reads again what happened while it did not read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unread {
+    /// Number of commands that were ignored.
+    pub ignored: u32,
+    /// Number of lines that were lost.
+    pub lost: u32,
+}
+
+impl fmt::Display for Unread {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { ignored, lost } = self;
+        write!(f, "error: nobody was reading: {ignored} commands ignored, {lost} lines lost")
+    }
+}
+
 /// The last line, and whether it was sent.
 #[derive(Clone)]
 pub struct ReplyChannel {
@@ -60,12 +76,7 @@ impl ReplyChannel {
         let Self { kept, lost, ignored, .. } = *self;
         if !kept && (lost > 0 || ignored > 0) {
             (self.lost, self.ignored) = (0, 0);
-            self.tell(
-                port,
-                &format_args!(
-                    "error: nobody was reading: {ignored} commands ignored, {lost} lines lost"
-                ),
-            );
+            self.tell(port, &Unread { ignored, lost });
         }
     }
 

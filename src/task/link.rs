@@ -4,12 +4,12 @@
 //! A host's commands may take a fifth of the time ([`Pace`]). A pass takes one line. Further bytes wait in the channel.
 //! When the channel is full, they wait at the host. Telemetry is not part of this fifth.
 
-use core::sync::atomic::Ordering::Relaxed;
+use core::{fmt::Write as _, sync::atomic::Ordering::Relaxed};
 
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
-    console::{Console, Pace, Port, REPLY_MAX, Refused, Text, Unusable},
+    console::{Console, Pace, Port, REPLY_MAX, Refused, Text, Unread, Unusable},
     contract::{CommandChannel as _, SelfTest as _, UpChannel as _, Watchdog as _},
     device::Device,
     experiment::{Event, Order, Report},
@@ -31,6 +31,8 @@ const LOG_LINE: usize = 200;
 /// The console's access to the board's channels, flash and `render`.
 struct Channels {
     replies: UpLink,
+    /// Number of lines that `replies` had no room for, and that were sent to the log alone.
+    missed: u32,
     telemetry: UpLink,
     commands: Commands,
     sampler: Viewer<Sampling>,
@@ -54,7 +56,11 @@ impl Port for Channels {
 
     fn write_line(&mut self, line: &str) -> bool {
         let logged = log(line);
-        self.replies.write(line.as_bytes()) || logged
+        let replied = self.tell_missed() && self.replies.write(line.as_bytes());
+        if logged && !replied {
+            self.missed = self.missed.saturating_add(1);
+        }
+        replied || logged
     }
 
     fn write_frame(&mut self, frame: &[u8]) -> bool {
@@ -99,6 +105,20 @@ impl Port for Channels {
     }
 }
 
+impl Channels {
+    /// Tells a reader of `replies` how many lines he has missed, if any. Returns whether he knows it.
+    fn tell_missed(&mut self) -> bool {
+        let mut told = Text::<96>::new();
+        let missed = Unread { ignored: 0, lost: self.missed };
+        if self.missed == 0
+            || writeln!(told, "{missed}").is_ok() && self.replies.write(told.as_str().as_bytes())
+        {
+            self.missed = 0;
+        }
+        self.missed == 0
+    }
+}
+
 /// Writes a line to the log, in several frames if necessary. Returns whether all of them had room.
 fn log(line: &str) -> bool {
     let before = board::log_dropped();
@@ -133,6 +153,7 @@ impl Link {
         let board::Link { telemetry, replies, commands } = link;
         let channels = Channels {
             replies,
+            missed: 0,
             telemetry,
             commands,
             sampler,

@@ -45,6 +45,20 @@ fn more_random_sessions_go_as_in_the_library() {
     }
 }
 
+/// `cargo board fuzz --bursts N` sends any number of bursts.
+#[test]
+#[ignore = "seconds of bursts; CI runs it"]
+fn bursts_of_lines_change_no_output_and_are_all_answered() {
+    for board in BOARDS {
+        let rows = fuzz::bursts(&session(board), 5, 5).unwrap().unwrap();
+        for row in &rows {
+            println!("{}: {row:?}", board.name);
+            assert!(row.bursts == 5 && row.lines > 20 && row.obeyed > 10 && row.refused > 2);
+            assert!(row.outputs > 100 && row.fed_ms <= 20.0 && row.link <= 0.3);
+        }
+    }
+}
+
 /// Tries every 100th instruction. `cargo board fuzz --instants` tries every instruction.
 #[test]
 #[ignore = "the other board's image; CI runs it"]

@@ -25,6 +25,12 @@ pub struct Counts {
     /// Number of commands that got the reply `error`.
     #[serde(skip)]
     pub refused: u64,
+    /// Number of commands that the board has ignored and counted, because nobody was reading.
+    #[serde(skip)]
+    pub ignored: u64,
+    /// Number of lines of the board that had no room, and that the board has counted.
+    #[serde(skip)]
+    pub lost: u64,
     /// Number of outputs at which the full force was allowed.
     #[serde(skip)]
     pub armed: u64,
@@ -44,6 +50,8 @@ impl AddAssign for Counts {
         self.cycles += other.cycles;
         self.obeyed += other.obeyed;
         self.refused += other.refused;
+        self.ignored += other.ignored;
+        self.lost += other.lost;
         self.armed += other.armed;
         self.forces += other.forces;
     }

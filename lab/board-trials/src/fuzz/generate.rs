@@ -60,20 +60,19 @@ impl<'a> Situation<'a> {
         self.stored.settings.wall.position_m
     }
 
-    /// Cutoff, K and B of a wall at the limit of the envelope.
-    fn border(&self, pick: u64) -> Option<[f64; 3]> {
-        let count = self.border_points().count() as u64;
-        let pick = pick.checked_rem(count).unwrap_or_default();
-        self.border_points().nth(usize::try_from(pick).unwrap_or_default())
+    fn useful(&self, random: &mut Random) -> String {
+        useful(random, self.device, self.wall_m())
     }
+}
 
-    fn border_points(&self) -> impl Iterator<Item = [f64; 3]> {
-        self.device.envelope.boundaries().flat_map(|(key, points)| {
-            points.map(move |point| {
-                [key.cutoff_hz, point.stiffness_high_n_per_m, point.damping_n_s_per_m]
-            })
+/// Cutoff, K and B of each wall at the limit of the envelope.
+fn border(device: &Device<'_>) -> Vec<[f64; 3]> {
+    let walls = device.envelope.boundaries().flat_map(|(key, points)| {
+        points.map(move |point| {
+            [key.cutoff_hz, point.stiffness_high_n_per_m, point.damping_n_s_per_m]
         })
-    }
+    });
+    walls.collect()
 }
 
 pub fn next(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
@@ -104,7 +103,7 @@ pub fn next(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
         State::SignTest | State::RampIn => match random.below(8) {
             0..4 => vec![Action::Wait(random.below(3_300))],
             4 => say("disarm"),
-            _ => vec![Action::Say(useful(random, seen))],
+            _ => vec![Action::Say(seen.useful(random))],
         },
         State::Off => off(random, seen),
         State::Fault => faulted(random, seen),
@@ -149,7 +148,7 @@ fn hit(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
 
 /// Up to `most` commands that are typed at once.
 fn several(random: &mut Random, seen: &Situation<'_>, most: u64) -> String {
-    let lines: Vec<String> = (0..1 + random.below(most)).map(|_| useful(random, seen)).collect();
+    let lines: Vec<String> = (0..1 + random.below(most)).map(|_| seen.useful(random)).collect();
     lines.join("\n")
 }
 
@@ -166,7 +165,7 @@ fn burst(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
         0 => "get".into(),
         1 => random.of(&["arm", "disarm"]).into(),
         2 | 3 => any(random),
-        _ => useful(random, seen),
+        _ => seen.useful(random),
     };
     let lines: Vec<String> = (0..20 + random.below(60)).map(|_| line(random)).collect();
     // Lines with `save` are left out, since the time of writing flash varies.
@@ -243,7 +242,7 @@ fn faulted(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
 fn world(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let mut actions = Vec::new();
     if random.once_in(3) {
-        let line = useful(random, seen);
+        let line = seen.useful(random);
         if !line.starts_with("save") {
             actions.push(Action::Type(line));
         }
@@ -277,11 +276,14 @@ fn world(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     actions
 }
 
-/// A command with a value that the board may accept.
-fn useful(random: &mut Random, seen: &Situation<'_>) -> String {
-    let [cutoff_hz, high, b] = seen.border(random.below(1_000)).unwrap_or([1500.0, 2000.0, 10.0]);
+/// A command with a value that the board may accept. `wall_m` is a position at which the wall may be.
+pub fn useful(random: &mut Random, device: &Device<'_>, wall_m: f64) -> String {
+    let walls = border(device);
+    let pick = usize::try_from(random.below(1_000)).unwrap_or_default();
+    let wall = pick.checked_rem(walls.len()).map(|pick| walls[pick]);
+    let [cutoff_hz, high, b] = wall.unwrap_or([1500.0, 2000.0, 10.0]);
     let k = (high * random.of(&[0.1, 0.4, 0.9, 1.0, 1.0, 1.001, 1.5])).round();
-    let near = |random: &mut Random| seen.wall_m() + random.between(-2e-3, 2e-3);
+    let near = |random: &mut Random| wall_m + random.between(-2e-3, 2e-3);
     match random.below(26) {
         0..3 => format!("k {k}"),
         3 => format!("k {}", random.between(0.0, 12_000.0)),
@@ -325,7 +327,7 @@ fn useful(random: &mut Random, seen: &Situation<'_>) -> String {
 }
 
 /// Any line. It is a command with or without its values, has invalid numbers, or is random text.
-fn any(random: &mut Random) -> String {
+pub fn any(random: &mut Random) -> String {
     if random.once_in(6) {
         let length = 1 + random.below(20);
         return format!("#{}", (0..length).map(|_| random.of(&PIECES)).collect::<String>());

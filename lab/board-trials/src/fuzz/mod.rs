@@ -9,10 +9,12 @@
 //! | `generate` | random sessions |
 //! | `shrink` | the shortest session with the same failure |
 //! | `campaign` | many sessions |
+//! | `bursts` | up to 2,000 lines at once, checked by the rules alone |
 //! | `instants` | stop, supply and reset at each instant of an output period |
 //! | `report` | options and printed results |
 
 mod action;
+mod bursts;
 mod campaign;
 mod counts;
 mod generate;
@@ -29,6 +31,8 @@ fn rule(holds: bool, otherwise: impl FnOnce() -> String) -> Result<(), String> {
 }
 
 pub use action::Action;
+pub use bursts::{Row, bursts};
 pub use campaign::{Failure, Outcome, replay, script, sessions};
 pub use counts::Counts;
 pub use instants::{Sweep, Wrong, sweep};
+pub use properties::unread;

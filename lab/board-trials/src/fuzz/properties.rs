@@ -3,6 +3,7 @@
 
 use virtual_board::{board::Force as Wired, world::World};
 use zwidth::{
+    console::is_answer,
     telemetry::{Decoder, Flags, Frame},
     units::Force,
 };
@@ -37,6 +38,10 @@ pub struct Properties {
     low_for: u64,
     resets: u64,
     decoder: Decoder,
+    /// Whether the host reads late. Frames may be missing then, and the board may ignore lines.
+    is_late: bool,
+    /// Number of lines that the board could not send to a host that reads late.
+    lost: u64,
     sequence: Option<u32>,
     line: String,
     pub frame: Option<Frame>,
@@ -45,6 +50,11 @@ pub struct Properties {
 impl Properties {
     pub fn new(supply_mv: u32) -> Self {
         Self { supply_mv, ..Self::default() }
+    }
+
+    /// The rules for a host that reads late.
+    pub fn for_late_host(self) -> Self {
+        Self { is_late: true, ..self }
     }
 
     /// Remembers that a line was typed and needs a reply.
@@ -78,6 +88,22 @@ impl Properties {
         self.asked == 0
     }
 
+    /// Whether the lines without a reply are at most as many as the lost lines, and no further reply comes. If so,
+    /// forgets them.
+    pub fn is_over(&mut self) -> bool {
+        let patience = if self.saves { SAVED } else { 3 * LINE };
+        let over = self.asked <= self.lost && self.waited > patience;
+        if over {
+            (self.asked, self.lost, self.arms, self.saves) = (0, 0, false, false);
+        }
+        over
+    }
+
+    /// Whether all lines may have been handled, and the replies to the last of them are lost. The next reply tells.
+    pub fn is_silent(&self) -> bool {
+        self.asked > self.lost && self.waited == 3 * LINE
+    }
+
     /// Whether flash may be busy with a save.
     pub fn saves(&self) -> bool {
         self.saves
@@ -109,8 +135,11 @@ impl Properties {
         self.outside(world, enabled)
     }
 
-    /// Checks pins, registers and resets.
-    fn outside(&self, world: &World<'_>, enabled: bool) -> Result<(), String> {
+    /// Checks pins, registers and resets. In contrast to [`check`](Self::check), the board's replies are not needed.
+    ///
+    /// # Errors
+    /// A rule is broken.
+    pub fn outside(&self, world: &World<'_>, enabled: bool) -> Result<(), String> {
         let mcu = &world.powered.mcu;
         rule(mcu.resets() == self.resets, || "the board has reset itself".into())?;
         let off =
@@ -135,8 +164,14 @@ impl Properties {
     }
 
     fn reply(&mut self, line: &str, enabled: bool, counts: &mut Counts) -> Result<(), String> {
-        let is_reply = line.starts_with("ok ") || line.starts_with("error: ");
-        if !is_reply || is_report(line) || self.asked == 0 {
+        if let Some((ignored, lost)) = unread(line) {
+            rule(self.is_late && ignored <= self.asked, || line.into())?;
+            self.asked -= ignored;
+            self.lost += lost;
+            counts.ignored += ignored;
+            counts.lost += lost;
+        }
+        if !is_answer(line) || self.asked == 0 {
             return Ok(()); // the board sends these lines by itself
         }
         self.waited = 0;
@@ -160,7 +195,7 @@ impl Properties {
     }
 
     fn frame(&mut self, newest: Frame, enabled: bool, counts: &mut Counts) -> Result<(), String> {
-        rule(self.sequence.is_none_or(|next| next == newest.sequence), || {
+        rule(self.is_late || self.sequence.is_none_or(|next| next == newest.sequence), || {
             format!("a frame is missing before sample {}", newest.record.sample)
         })?;
         self.sequence = Some(newest.sequence.wrapping_add(1));
@@ -207,9 +242,9 @@ pub fn output_code(world: &World<'_>) -> i32 {
     }
 }
 
-/// Whether a line is a report of an experiment: it begins with the name of the experiment's command.
-fn is_report(line: &str) -> bool {
-    ["hit", "walk", "pulses", "calibrate"].iter().any(|name| {
-        line.starts_with(&format!("ok {name} ")) || line.starts_with(&format!("error: {name}: "))
-    })
+/// The numbers of ignored commands and lost lines, if the line tells them to a host that has read late.
+pub fn unread(line: &str) -> Option<(u64, u64)> {
+    let numbers = line.strip_prefix("error: nobody was reading: ")?.strip_suffix(" lines lost")?;
+    let (ignored, lost) = numbers.split_once(" commands ignored, ")?;
+    Some((ignored.parse().ok()?, lost.parse().ok()?))
 }

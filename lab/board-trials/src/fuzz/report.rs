@@ -15,6 +15,7 @@ use virtual_board::{
 };
 
 use super::{
+    bursts::{Row, bursts},
     campaign::{self, Failure, Outcome},
     counts::Counts,
     instants::{self, EVENTS, Sweep, Wrong},
@@ -42,6 +43,9 @@ pub struct Fuzz {
     /// output period, and while the core sleeps.
     #[arg(long, conflicts_with_all = ["seed", "commands", "script"])]
     instants: bool,
+    /// Send this number of random bursts at each output period in place of sessions. A burst has up to 2,000 lines.
+    #[arg(long, value_name = "N", conflicts_with_all = ["commands", "script", "instants"])]
+    bursts: Option<u64>,
     /// Print one JSON object on stdout, and nothing else there.
     #[arg(long)]
     pub json: bool,
@@ -57,6 +61,13 @@ struct Json<'a> {
     virtual_s: f64,
     wall_s: f64,
     difference: Option<&'a Failure>,
+}
+
+#[derive(Serialize)]
+struct BurstsJson {
+    board: &'static str,
+    seed: u64,
+    rows: Vec<Row>,
 }
 
 #[derive(Serialize)]
@@ -80,6 +91,9 @@ pub fn execute(options: &Fuzz) -> Result<(), Error> {
     if options.instants {
         return instants_of(&session, options.json, threads);
     }
+    if let Some(count) = options.bursts {
+        return bursts_of(&session, options, count);
+    }
     let outcome = match &actions {
         Some(actions) => campaign::replay(&session, actions)?,
         None => campaign::sessions(&session, options.seed, options.commands, threads)?,
@@ -91,6 +105,34 @@ pub fn execute(options: &Fuzz) -> Result<(), Error> {
             Err(Error::Internal(format!("session {}: {}", failure.session, failure.what)))
         }
         None => Ok(()),
+    }
+}
+
+fn bursts_of(session: &Session, options: &Fuzz, count: u64) -> Result<(), Error> {
+    let board = session.board.name;
+    match bursts(session, options.seed, count)? {
+        Ok(rows) if options.json => print_json(&BurstsJson { board, seed: options.seed, rows }),
+        Ok(rows) => {
+            for row in rows {
+                let Row { period, bursts, lines, obeyed, refused, ignored, lost, outputs, .. } =
+                    row;
+                let Row { fed_ms, fed_saving_ms, output_us, link, .. } = row;
+                note(&format!(
+                    "{board}, period {period}: {bursts} bursts, {lines} lines; {obeyed} obeyed, {refused} refused, {ignored} \
+                     ignored, {lost} replies lost, both counted; \
+                     {outputs} outputs, none missing, the latest after {output_us:.1} us; watchdog fed within \
+                     {fed_ms:.1} ms, with a save {fed_saving_ms:.0} ms; link takes {:.1} %",
+                    100.0 * link
+                ));
+            }
+            Ok(())
+        }
+        Err(failure) => {
+            for action in &failure.actions {
+                print_text(&action.to_string())?;
+            }
+            Err(Error::Internal(format!("burst {}: {}", failure.session, failure.what)))
+        }
     }
 }
 
