@@ -216,7 +216,7 @@ pub trait Encoder {
 /// The clock of the control loop. It requests an interrupt at [`RATE_HZ`], at equal intervals. It stands still while a
 /// debugger has the core halted.
 pub trait SampleTimer {
-    /// Runs from now on; the first sample comes one period later.
+    /// Starts the samples. The first sample comes one period later.
     fn start();
 
     /// Whether more than two fifths of a sample's time have passed since its beginning. With an output at every sample,
@@ -267,7 +267,7 @@ pub trait Supply {
     /// The interrupt's handler: switches the force off and notes that the supply was low.
     fn has_dropped();
 
-    /// Whether the supply is too low to write flash, or was so since the last call. Called by `render`.
+    /// Whether the supply is too low to write flash, or was too low since the last call. Called by `render`.
     fn is_low(&mut self) -> bool;
 }
 

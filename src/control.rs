@@ -208,7 +208,6 @@ impl<W: Width> Sampler<W> {
     }
 }
 
-/// Low 32 bits of a sample's number.
 #[inline(always)]
 const fn low(sample: u64) -> u32 {
     #[expect(clippy::cast_possible_truncation, reason = "the low half is meant")]

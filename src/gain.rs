@@ -19,8 +19,8 @@ impl Gain {
     /// A left shift by more than this leaves no room for a mantissa.
     const SHIFT_MIN: i32 = -23;
 
-    /// The nearest gain to `value` (relative error at most 2^-31), or `None` if `value` is
-    /// negative, not finite or outside 2^-32 .. 2^54. Zero is exact.
+    /// Returns the gain nearest to `value`, with a relative error of at most 2^-31. Zero is exact. Returns `None` if
+    /// `value` is negative, not finite or outside 2^-32 .. 2^54.
     #[expect(clippy::float_arithmetic, reason = "design time: settings to coefficients")]
     pub fn from_f64(value: f64) -> Option<Self> {
         if value == 0.0 {

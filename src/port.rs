@@ -25,9 +25,7 @@ use crate::units::Position;
 /// The energy account of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortEnergy {
-    /// The wall's force that acts at present, in LSB of force.
     wall: i64,
-    /// Whether the output of this force was in contact.
     contact: bool,
     /// Position up to which the motion is in the account.
     at: Position,

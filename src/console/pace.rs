@@ -1,8 +1,8 @@
 //! Limits the share of the processor's time that a host can use with its commands. If a host sends more, its bytes wait
 //! in the channel. No byte is refused.
 
-/// The share: lines and their answers use at most 4 / `PARTS` of the time. Telemetry needs further time, at output
-/// period 1 half as much.
+/// The share: lines and their answers use at most 4 / `PARTS` of the time. Telemetry needs further time. At output
+/// period 1 this is half as much.
 const PARTS: u16 = 21;
 /// The longest time, in ticks, that a line waits because of the lines before it. Because of this limit the board still
 /// listens after a bit of `rest` has flipped.

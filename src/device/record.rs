@@ -68,7 +68,7 @@ const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
 const QUIET: u32 = 8;
-/// In the word of the flags, the lowest bit of the number of designs.
+/// Number of the lowest bit of the number of designs, in the word of flags.
 const DESIGNS: u32 = 8;
 
 const NUMBERS: usize = 39 + KEPT;
@@ -414,7 +414,7 @@ impl<'a> Device<'a> {
     /// Writes the record of this device to the front of `words`, with these designs and boundaries instead of its own.
     /// K, B and push are left out, because a record has no wall and no push. The hash is left out too.
     ///
-    /// `None` if there is no room.
+    /// Returns `None` if there is no room.
     pub fn to_record<'b>(
         &self,
         designs: &[NamedFilter],

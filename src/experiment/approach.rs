@@ -74,7 +74,6 @@ impl Approach {
         }
     }
 
-    /// Whether the motor is cooling down.
     #[cfg(test)]
     pub fn cools(&self) -> bool {
         !self.moves

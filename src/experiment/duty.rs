@@ -32,7 +32,7 @@ const DIFFERENCE: u32 = 30;
 pub struct DutySettings {
     /// Force, in N, that the motor can give for ever. The limit of the heat is (continuous force / full scale)^2.
     pub continuous_force_n: f64,
-    /// Thermal time constant of the winding, s: 1 to 3600.
+    /// Thermal time constant of the winding, in s. It is 1 to 3600.
     pub time_constant_s: f64,
 }
 
@@ -45,7 +45,6 @@ pub struct DutyPlan {
     limit: i64,
     /// Heat at which a hit may begin.
     ready: i64,
-    /// Outputs after which a motor without force is certainly ready.
     patience: u32,
 }
 

@@ -15,9 +15,9 @@ use crate::{
 pub struct HitSettings {
     /// Constant push of the hit, in N.
     pub push_n: f64,
-    /// Time before the hit is judged, s.
+    /// Time before the hit is judged, in s.
     pub settle_s: f64,
-    /// Time over which the hit is judged, s.
+    /// Time over which the hit is judged, in s.
     pub window_s: f64,
     /// Limit of the RMS, in m. A hit whose RMS is below it is `stable`.
     pub rms_limit_m: f64,

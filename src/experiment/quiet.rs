@@ -28,7 +28,7 @@ impl Criterion {
 
 /// The four pushes of a hit, as shares of the push in the settings. They act one after another.
 pub const PUSHES: [f64; 4] = [0.97, 0.99, 1.0, 1.03];
-/// The largest of these shares.
+/// Largest share in [`PUSHES`].
 pub const PUSH_MAX: f64 = PUSHES[3];
 /// Smallest difference of two forces that people feel, as a share of the force (Weber fraction; Jones, Percept.
 /// Psychophys. 45, 1989). The RMS of the force must be below this share of the push, unless another limit is set.

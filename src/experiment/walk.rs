@@ -17,13 +17,13 @@ pub struct WalkSettings {
     pub stiffness_start_n_per_m: f64,
     /// Step of K, in N/m.
     pub stiffness_step_n_per_m: f64,
-    /// Largest K that is tried, N/m.
+    /// Largest K that is tried, in N/m.
     pub stiffness_max_n_per_m: f64,
     /// First B, in N s/m.
     pub damping_start_n_s_per_m: f64,
     /// Step of B, in N s/m.
     pub damping_step_n_s_per_m: f64,
-    /// Largest B that is tried, N s/m.
+    /// Largest B that is tried, in N s/m.
     pub damping_max_n_s_per_m: f64,
 }
 
@@ -177,7 +177,7 @@ impl Walk {
         Self { plan, phase: Phase::First, cell: Cell::default(), stiffness_capped: false }
     }
 
-    /// The grid and caps.
+    /// The grid of the walk.
     pub fn plan(&self) -> &WalkSettings {
         &self.plan
     }
@@ -273,7 +273,7 @@ pub struct WalkTotals {
     pub hits: u32,
     /// Points of the boundary.
     pub points: u32,
-    /// Sum of K dB over the points, N^2 s/m^2.
+    /// Sum of K dB over all points, in N^2 s/m^2.
     pub area: f64,
     /// Largest K of the points, in N/m.
     pub stiffness_peak_n_per_m: f64,

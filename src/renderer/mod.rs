@@ -44,7 +44,7 @@ pub struct Renderer<const N: usize> {
     motor_reversed: Doubled<bool>,
     experiments: Experiments,
     history: BlackBox<N>,
-    /// While the records of the black box are sent, the index of the next one.
+    /// Index of the next record to send. It is `None` while the records of the black box are not sent.
     replay: Option<usize>,
     /// Whether the black box must record again after all its records were sent.
     release: bool,

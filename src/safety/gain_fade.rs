@@ -52,12 +52,10 @@ impl GainFade {
         Self { kept: Doubled::new(Kept { wall, push, pushing: false, correction: 0 }) }
     }
 
-    /// Whether push or correction is still fading.
     pub fn is_fading(&self) -> bool {
         self.kept.pushing || self.kept.correction != 0
     }
 
-    /// The push that acts.
     #[inline]
     pub fn push(&self) -> Force {
         self.kept.push

@@ -8,7 +8,6 @@ use core::hint::cold_path;
 const BLOCK: u32 = 8;
 const BLOCKS: u32 = 8;
 
-/// Ticks that have passed, and ticks that were expected.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ticks {
     passed: u32,

@@ -187,7 +187,7 @@ impl Decoder {
         self.pass(start);
     }
 
-    /// Removes this number of bytes. The window must have so many.
+    /// Removes this number of bytes from the front of the window, which must have as many.
     fn pass(&mut self, bytes: usize) {
         // `min` is for the compiler, which does not know that `bytes` is within the window.
         self.window.copy_within(bytes.min(Frame::LEN_MAX).., 0);

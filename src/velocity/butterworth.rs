@@ -75,9 +75,9 @@ fn prewarped(angle: f64) -> f64 {
 pub struct ButterworthDesign {
     /// Gain of the numerator `b0 (1 + z^-1)^2`.
     pub b0: f64,
-    /// Denominator `1 + a1 z^-1 + a2 z^-2`.
+    /// Coefficient a1 of the denominator `1 + a1 z^-1 + a2 z^-2`.
     pub a1: f64,
-    /// Denominator `1 + a1 z^-1 + a2 z^-2`.
+    /// Coefficient a2 of the denominator `1 + a1 z^-1 + a2 z^-2`.
     pub a2: f64,
     cutoff_per_rate: f64,
 }
@@ -86,7 +86,9 @@ impl ButterworthDesign {
     /// Designs the filter of equation (2) for this cutoff and sample rate, both in Hz.
     ///
     /// # Errors
-    /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
+    ///
+    /// `cutoff_hz` is outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] of the rate. With `prewarp` the upper end is
+    /// [`PREWARPED_MAX`].
     pub fn new(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<Self, SettingsError> {
         Ok(Self::of(digital_frequency(cutoff_hz, rate_hz, prewarp)?, SQRT_2, cutoff_hz / rate_hz))
     }
@@ -147,7 +149,9 @@ impl FirstOrder {
     /// Designs the filter for this cutoff and sample rate, both in Hz.
     ///
     /// # Errors
-    /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
+    ///
+    /// `cutoff_hz` is outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] of the rate. With `prewarp` the upper end is
+    /// [`PREWARPED_MAX`].
     pub fn new(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<Self, SettingsError> {
         Ok(Self::of(digital_frequency(cutoff_hz, rate_hz, prewarp)?))
     }

@@ -32,7 +32,6 @@ const FACTOR_BITS: u32 = 24;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WindowDifference {
     window: u8,
-    /// The factor 1 / window. See [`factor`](Self::factor).
     factor: i64,
 }
 

@@ -27,7 +27,6 @@ impl EdgeTimes for () {
     }
 }
 
-/// The counter of the quadrature decoder.
 pub struct Encoder<E = ()> {
     timer: pac::TIM2,
     edges: E,

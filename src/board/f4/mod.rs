@@ -62,7 +62,6 @@ pub trait Wiring: Sized {
     const SENSES: &'static [Sense];
     const LATENCY_SAMPLES: f64;
     type Force: ForceOutput;
-    /// The encoder, with edge times or without.
     type Encoder: Encoder;
     type StopInput: InputPin;
 
@@ -144,19 +143,14 @@ pub struct Wires<W: Wiring> {
 
 /// The peripherals that the board's file does not use. Every board with an STM32F4 passes them to [`Chip::finish`].
 pub struct Peripherals {
-    /// Timer of the samples.
     pub tim5: pac::TIM5,
-    /// Timer for halts by a debugger.
     pub tim6: pac::TIM6,
-    /// Timer of the output watchdog.
     pub tim8: pac::TIM8,
-    /// DMA controller that switches off for the output watchdog.
     pub dma2: pac::DMA2,
     /// Detector of a low supply.
     pub pwr: pac::PWR,
     /// Interrupt of the supply detector.
     pub exti: pac::EXTI,
-    /// Flash for the settings.
     pub flash: pac::FLASH,
     pub iwdg: pac::IWDG,
 }

@@ -51,7 +51,6 @@ macro_rules! fold {
     };
 }
 
-/// Returns the checksum of all these registers.
 #[inline(always)]
 fn sum() -> u32 {
     let mut sum = 0u32;
@@ -115,7 +114,7 @@ pub struct SetUp {
     expected: Option<u32>,
     channels: Option<u32>,
     /// The registers were wrong at an earlier check. The program then changed the mode of enable's pin itself. In the
-    /// sum this change could hide another one, so the fact is stored here.
+    /// checksum this change could hide the other one. So this flag keeps the finding.
     were_wrong: bool,
     enable: BoardPin,
 }

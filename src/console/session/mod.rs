@@ -42,8 +42,8 @@ const BYTES_A_PASS: usize = 256;
 pub(super) enum Awaited {
     /// A command whose reply is its name.
     Done(&'static str),
-    /// An order for the settings that are counted in outputs, with a new output period. After it the settings here are
-    /// ordered.
+    /// An order for the settings that are counted in outputs, with a new output period. It is the first of two orders.
+    /// The second one is for the settings in this variant.
     Period(Stored, ChangedSetting),
     /// An order for new settings. The fields are the settings that will be stored, and the change that the reply names.
     Settings(Stored, ChangedSetting),
@@ -255,7 +255,6 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Orders these settings. The answer is then awaited.
     pub(super) fn order_settings(&mut self, stored: &Stored, order: Order, awaited: Awaited) {
         if let (Order::LoopParameters(parameters, _), Ok(design)) =
             (&order, self.device.design(stored))
@@ -342,7 +341,7 @@ impl<P: Port> Console<P> {
             (Awaited::Settings(stored, changed), Ok(())) => self.keep_changed(stored, changed),
             (Awaited::Save, Ok(())) => {
                 let saved = self.is_whole() && self.port.save(&self.stored);
-                // Flash is written.
+                // The write to flash has ended.
                 self.order(Order::Request(Request::Stall(false)), Awaited::Quiet);
                 self.reply(if saved { Reply::Done("save") } else { Reply::Failed("save") });
             }

@@ -22,7 +22,6 @@ enum Next {
     /// Order the wall of the walk's present cell.
     Wall,
     Hit,
-    /// Wait for the verdict.
     Verdict,
 }
 
@@ -157,7 +156,7 @@ impl<P: Port> Console<P> {
         self.restore_wall = true;
     }
 
-    /// The last order of the series was accepted.
+    /// Chooses the next step. The last order of the series was accepted.
     pub(super) fn advance(&mut self) {
         if let Some(series) = &mut self.series {
             series.next = match series.next {

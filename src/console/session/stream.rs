@@ -30,7 +30,6 @@ pub(in crate::console) struct Stream {
     count: usize,
     /// Number of the last sample whose count was sent.
     told: Option<u64>,
-    /// Values at the last sent key.
     key: Option<Mark>,
     /// The settings that `render` accepted last. `proposed` are the settings whose order is under way.
     accepted: Option<Chosen>,

@@ -66,9 +66,9 @@ pub enum Outside {
     },
     /// K is outside the interval that is stable at this B.
     Stiffness {
-        /// Lowest K that is stable, N/m.
+        /// Lowest K that is stable, in N/m.
         lowest: f64,
-        /// Largest K that is stable, N/m.
+        /// Largest K that is stable, in N/m.
         highest: f64,
     },
     /// No K is predicted to be stable at this B.

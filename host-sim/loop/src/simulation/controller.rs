@@ -91,7 +91,6 @@ pub struct Told {
 }
 
 impl Told {
-    /// Makes this controller from a core with this design.
     pub fn new(core: Fixed, design: &Design) -> Self {
         Self { core, lsb_per_m_per_s: lsb_per_m_per_s(design) }
     }

@@ -107,7 +107,7 @@ pub struct Judge {
     criterion: Criterion,
     rms_of: RmsOf,
     limit_m: f64,
-    /// Limit of the RMS of the counts for a wall that is quiet. The next field is the limit of the force's RMS, as a
+    /// Limit of the RMS of the counts for a wall that is quiet. `quiet_force` is the limit of the force's RMS, as a
     /// fraction of full scale.
     quiet_counts: RmsLimit,
     quiet_force: f64,

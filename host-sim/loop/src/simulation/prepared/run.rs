@@ -20,7 +20,6 @@ use crate::{
     },
 };
 
-/// Function that gets every sample of a hit.
 pub(super) type Observer<'a> = dyn FnMut(&Sample) + 'a;
 
 /// Number of samples between two checks whether the verdict is certain.
