@@ -37,7 +37,6 @@ fn interval(c: &CutoffProbability) -> String {
 pub struct ProbabilityStudy {
     /// One map per cutoff, in ascending order.
     pub maps: Vec<Map>,
-    /// What the draws say about the cutoffs.
     pub verdicts: Verdicts,
     /// The firmware's contour. It was tried at the cutoff whose area in the worst draws is largest.
     pub tried: Option<Tried>,

@@ -108,7 +108,8 @@ pub struct PassiveRow {
     pub controller: bool,
     pub boundaries: Boundaries,
     /// Hits in this loop. The first element is at the walls of the boundary that was found without the controller. The
-    /// second element is at the walls of the boundary that was found with it. Without the controller it is empty.
+    /// second element is at the walls of the boundary that was found with it. If the controller is off, the second
+    /// element is empty.
     pub hits: [Hits; 2],
 }
 

@@ -44,7 +44,7 @@ const FINER: f64 = 8.0;
 /// If a grid has no stable wall, single walls are tried. They have this number of values of K and of B. The first
 /// values are the largest that the walk allows.
 const TRIED: [u32; 2] = [17, 13];
-/// Each of these values is the value before times this factor.
+/// Ratio of a tried value of K or B to the value before it, see [`TRIED`].
 const APART: f64 = 0.562;
 /// If a neighbour of the best cutoff has less than this share of the best area, the walk of this neighbour has ended
 /// too early.

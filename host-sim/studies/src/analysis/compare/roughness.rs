@@ -17,7 +17,6 @@ use crate::{
     study::sweep::start_offset_counts,
 };
 
-/// Results of a contact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contact {
     /// Whether the wall is stable with this estimator from every start.

@@ -226,7 +226,6 @@ pub fn parameters(c: &Compared) -> [Option<Parameter>; 2] {
     })
 }
 
-/// Value and unit of a parameter.
 pub(super) fn value_and_unit(settings: &VelocitySettings, n: usize) -> [Cell; 2] {
     let parameter = settings.parameter(n);
     parameter.map_or([Cell::Empty, Cell::Empty], |(of, value)| [value.into(), of.unit.into()])

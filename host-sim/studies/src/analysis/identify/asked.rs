@@ -113,8 +113,8 @@ pub struct Asked {
     pub spring: bool,
     /// Terms that are fitted in addition to mass, damping and spring.
     pub terms: Terms,
-    /// Position at which the spring rests if no other force acts, in m or in the units of the options. The next two
-    /// lengths have the same units.
+    /// Position at which the spring rests if no other force acts, in m or in the units of the options. `encoder_cycle`
+    /// and `resolution` have the same units.
     pub rest_position: Option<f64>,
     /// Distance over which the encoder's signals repeat.
     pub encoder_cycle: Option<f64>,

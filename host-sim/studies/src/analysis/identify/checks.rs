@@ -145,7 +145,7 @@ pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<S
 /// it.
 const STEP_COUNTS: f64 = 3.0;
 const STEP_PER_RMS: f64 = 6.0;
-/// A step is compared with this number of rows on each side. The new level must last for the number of rows below.
+/// A step is compared with `AROUND` rows on each side. The new level must last for `STAYS` rows.
 const AROUND: usize = 50;
 const STAYS: usize = 5;
 

@@ -30,7 +30,7 @@ const WORTH: f64 = 1.15;
 pub(super) enum Misfit {
     /// RMS of the residual, and RMS that the model allows, in counts.
     Larger(f64, f64),
-    /// The same two values for the means over stretches, in counts.
+    /// RMS of the means over stretches, and RMS that the model allows for these means, in counts.
     Coloured(f64, f64),
     /// The residual of the readings in motion is too large.
     InMotion,

@@ -26,7 +26,7 @@ const EVENTS_MAX: usize = 8;
 /// Largest number of iterations to find the instant of an event.
 const SEARCH: usize = 60;
 
-/// A stretch has one of this number of lengths: a step, half a step, a quarter and so on.
+/// Number of possible lengths of a stretch: a step, half a step, a quarter and so on.
 const LEVELS: usize = 7;
 /// Over a stretch, the speed may change by at most this share of the Stribeck speed. The handle may move by at most
 /// this angle of the cogging, in rad.

@@ -42,12 +42,13 @@ const SMALL_FORCE: f64 = 1e-4;
 const STRIDES_OF_COGS: [usize; 3] = [2, 8, 32];
 /// First change of a parameter along the profile of the likelihood, in half-widths.
 const PROFILE_FROM: f64 = 1.0;
-/// This change is doubled at most this many times.
+/// The change [`PROFILE_FROM`] is doubled at most this many times.
 const PROFILE_STEPS: usize = 10;
 /// A fit is made from this number of starts.
 const STARTS_TAKEN: usize = 3;
-/// Limit for the ratio of two missing forces, the second with twice the stride. A force from position noise falls to
-/// 1/4. A white force falls by the root of 2. The limit is between these two ratios.
+/// The missing force is computed with one stride and with twice the stride. This is the limit for the ratio of the
+/// second force to the first. If position noise makes the force, the ratio is 1/4. For a white force it is the root of
+/// 1/2. The limit is between these two ratios.
 const STILL_NOISE: f64 = 0.5;
 /// The shortest record must have this many times the rows of the longest stride.
 const STRIDES: usize = 20;

@@ -45,7 +45,7 @@ pub struct Keys {
     pub scenes: Vec<String>,
     #[serde(default)]
     estimators: Vec<Value>,
-    /// Cutoffs of the study, in Hz. `None` for the cutoffs of each scene.
+    /// Cutoffs of the study, in Hz. `None` stands for the cutoffs of each scene.
     #[serde(default, deserialize_with = "numbers")]
     pub cutoffs_hz: Option<Vec<f64>>,
     #[serde(default, deserialize_with = "numbers")]
@@ -55,7 +55,7 @@ pub struct Keys {
     #[serde(default, deserialize_with = "numbers")]
     dampings: Option<Vec<f64>>,
     repeat: Option<u32>,
-    /// Number of points that make a unit. `None` for the default: as many points as need some seconds.
+    /// Number of points that make a unit. `None` stands for the default, which is as many points as need some seconds.
     pub points_per_unit: Option<u64>,
     #[serde(default)]
     product: Table,

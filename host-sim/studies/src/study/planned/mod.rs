@@ -105,7 +105,6 @@ fn filter(scene: &Scene, cutoff_hz: Option<f64>) -> VelocitySettings {
 }
 
 impl Point {
-    /// The hit of this point in a scene.
     fn hit(&self, scene: &Scene) -> WallHit {
         WallHit {
             velocity: filter(scene, self.cutoff_hz),
