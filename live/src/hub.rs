@@ -267,7 +267,6 @@ impl Pending {
     }
 }
 
-/// The communication with a board.
 pub struct Talk {
     hub: Arc<Hub>,
     link: Box<dyn Link>,

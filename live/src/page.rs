@@ -326,7 +326,7 @@ impl Page {
     }
 }
 
-/// What to do about a fault. The text is the last column of the fault's row in docs/faults.md.
+/// What to do about a fault. The text is the last column of the fault's row in docs/troubleshooting.md.
 fn remedy(code: u8) -> &'static str {
     const PAGE: &str = include_str!("../../docs/troubleshooting.md");
     let is_its = |line: &&str| {

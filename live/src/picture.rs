@@ -29,9 +29,7 @@ const BANDS: u32 = 240;
 pub struct Scale {
     /// One LSB of position, velocity and force, in m, m/s and N.
     pub lsb: [f64; SIGNALS],
-    /// Samples per second in Hz.
     pub rate_hz: f64,
-    /// Length of a count in m.
     pub resolution_m: f64,
     /// Force at full command in N.
     pub full_scale_n: f64,

@@ -55,9 +55,7 @@ use sim_studies::{analysis, study};
 /// Settings that all filters of a scene share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bench {
-    /// Sample rate, in Hz.
     pub rate_hz: f64,
-    /// Length of a count, in m.
     pub resolution_m: f64,
     /// Number of fractional bits of a signal in Q15.
     pub q15_fraction: u32,
@@ -92,7 +90,6 @@ impl Bench {
         self.resolution_m * self.rate_hz
     }
 
-    /// A new filter at rest.
     pub fn filter(&self, variant: Variant, cutoff_hz: f64) -> Result<Filter, Refused> {
         Filter::new(variant, cutoff_hz, self.rate_hz, self.q15_fraction)
     }

@@ -41,7 +41,6 @@ pub struct Question {
     pub walked: Vec<study::Walked>,
 }
 
-/// An answer: a JSON value and blocks of bytes.
 pub type Answered = Result<(Value, Vec<Vec<u8>>), Error>;
 
 impl Question {

@@ -162,7 +162,6 @@ pub enum First {
 }
 
 impl First {
-    /// The known acceleration.
     fn acceleration(&self, senses: &Senses) -> f64 {
         match self {
             Self::Known(_, Some(full_scale)) => {

@@ -9,7 +9,6 @@ use zwidth::{
 
 use super::{kept::BACKUP, row::SOON_S};
 
-/// Class of a fault's result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Class {
@@ -159,7 +158,6 @@ fn kept_code(world: &mut World<'_>) -> Option<u8> {
     (record.fault != Fault::ResetWhileArmed).then(|| record.fault.code())
 }
 
-/// What the measurement has observed so far.
 #[derive(Default)]
 struct Watched {
     off_at: Option<u64>,

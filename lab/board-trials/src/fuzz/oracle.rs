@@ -378,7 +378,7 @@ fn pass(program: &mut CoreProgram, bytes: &mut Option<Vec<u8>>) {
     }
 }
 
-/// Length of the first line in bytes.
+/// Length of the first line with its line feed, in bytes.
 fn line(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|byte| *byte == b'\n').map(|at| at + 1)
 }

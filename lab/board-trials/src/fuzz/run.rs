@@ -93,7 +93,6 @@ impl<'a> Run<'a> {
         (self.world.snapshot(), self.checks.clone())
     }
 
-    /// Restores a saved state.
     pub fn restore(&mut self, (world, checks): &(Snapshot, Checks)) {
         self.world.restore(world);
         self.checks = checks.clone();
@@ -213,7 +212,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Whether the program runs and has sent its version.
+    /// Runs until the program has started, and has sent the same first lines as the library.
     fn begun(&mut self) -> Result<(), End> {
         for _ in 0..BEGIN {
             self.pass(1)?;

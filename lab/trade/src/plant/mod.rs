@@ -123,7 +123,6 @@ impl Method {
     }
 }
 
-/// Measured values of one method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantMeasured {
     /// Largest distance from the reference's position, in m.
