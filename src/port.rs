@@ -85,7 +85,7 @@ impl PortEnergy {
         self.contact
     }
 
-    /// Both energies, for reports.
+    /// The values of [`energy`](Self::energy) and [`given`](Self::given), for reports.
     #[inline]
     pub const fn exchanged(&self) -> Exchanged {
         Exchanged { energy: self.energy, given: self.given }

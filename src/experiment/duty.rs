@@ -280,7 +280,7 @@ mod tests {
         ) {
             let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
             let mut duty = Duty::default();
-            // the same in floats: a sum instead of a recursion
+            // the mean square of the force, computed in floats
             let (mut mean, decay) = (0.0, (-1e-3f64 / 30.0).exp());
             let limit = (4.1f64 / 5.906).powi(2);
             for (part, outputs, hold) in hits {

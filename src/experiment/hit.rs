@@ -73,7 +73,7 @@ impl Verdict {
     /// All verdicts that there are.
     pub const ALL: [Self; 3] = [Self::Stable, Self::Unstable, Self::NoContact];
 
-    /// Its name for programs, in files and JSON.
+    /// Name of the verdict for programs, in files and JSON.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Stable => "stable",
@@ -82,7 +82,7 @@ impl Verdict {
         }
     }
 
-    /// Its text for people, on the console and in figures.
+    /// Text of the verdict for people, on the console and in figures.
     pub const fn text(self) -> &'static str {
         match self {
             Self::NoContact => "no contact",

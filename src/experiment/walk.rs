@@ -110,7 +110,7 @@ pub enum Ended {
 }
 
 impl Ended {
-    /// Its name in reports. It is `closed`, `damping_max`, `stiffness_max` or `stiffness_and_damping_max`.
+    /// Name of the end in reports. It is `closed`, `damping_max`, `stiffness_max` or `stiffness_and_damping_max`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Closed => "closed",

@@ -58,7 +58,7 @@ faults! {
     BeyondTravel = 15, "beyond travel";
     /// An output was not ready when the next output was due.
     LateRender = 20, "late render";
-    /// No output was ready for 10 ms.
+    /// For 10 ms no output was ready.
     StuckRender = 21, "stuck render";
     /// The watchdog reset the processor.
     WatchdogReset = 22, "watchdog reset";

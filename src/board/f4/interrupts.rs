@@ -25,7 +25,8 @@ pub fn set_up(core: &mut cortex_m::Peripherals) {
     }
     use SystemHandler::{DebugMonitor, PendSV, SVCall, SysTick};
     for handler in [SVCall, DebugMonitor, PendSV, SysTick] {
-        // SAFETY: as above; nothing raises them.
+        // SAFETY: nothing raises these exceptions. Their new priority is below the priority of every task except
+        // `link`.
         unsafe { core.SCB.set_priority(handler, LOWEST) };
     }
 }

@@ -125,7 +125,7 @@ fn beyond_travel_is_beyond_its_ends() {
         let position = Position::from_counts(counts);
         let motion = Motion { sample: 0, position, velocity: Velocity::ZERO };
         let up = SampleReport { motion, present: FaultSet::EMPTY };
-        // No over-speed must be found here: the handle was here before.
+        // The position is renamed, as by `zero`, so its jump is no over-speed.
         supervisor.look(&up, &Guard::NOTHING, GOOD, (false, true));
         let found = supervisor.status().fault.map(|record| record.fault);
         assert_eq!(found, beyond.then_some(Fault::BeyondTravel), "{counts}");

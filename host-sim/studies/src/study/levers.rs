@@ -59,7 +59,6 @@ pub struct Lever {
 /// What is added between a loop's output and the handle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Between {
-    /// Nothing is added.
     Nothing,
     Amplifier,
     /// An amplifier is added, and the handle is on a transmission.

@@ -23,7 +23,6 @@ use crate::{
     },
 };
 
-/// The results of all walks at one cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CutoffResult {
     pub velocity: VelocitySettings,
