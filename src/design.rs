@@ -45,7 +45,7 @@ impl Design {
         libm::ceil(self.rate_hz / 1000.0) as u32
     }
 
-    /// Outputs per millisecond, at least 1. Work that has to run at 1 kHz at most runs only once in this number of
+    /// Outputs per millisecond, at least 1. Work that must not run more often than at 1 kHz runs once in this number of
     /// outputs.
     pub(crate) fn outputs_per_ms(&self) -> u32 {
         (self.samples_per_ms() / self.period.max(1)).max(1)

@@ -4,8 +4,8 @@
 /// The share: lines and their answers use at most 4 / `PARTS` of the time. Telemetry needs further time. At output
 /// period 1 this is half as much.
 const PARTS: u16 = 21;
-/// The longest time, in ticks, that a line waits because of the lines before it. Because of this limit the board still
-/// listens after a bit of `rest` has flipped.
+/// Longest time that a line waits because of the lines before it, in ticks. With this limit the board still reads lines
+/// if a bit of `rest` has flipped.
 const LONGEST: u16 = 1200;
 
 /// Says when the console may take bytes. `begun` is the clock of [`HaltWatch`](crate::safety::HaltWatch) at the

@@ -68,7 +68,7 @@ const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
 const QUIET: u32 = 8;
-/// Number of the lowest bit of the number of designs, in the word of flags.
+/// Lowest bit of the number of designs in the word of flags.
 const DESIGNS: u32 = 8;
 
 const NUMBERS: usize = 39 + KEPT;
@@ -173,7 +173,7 @@ pub fn record_in(words: &[u32]) -> &[u32] {
     stated(words).unwrap_or(words)
 }
 
-/// Returns as many of the first words as the second word states, which is the record's length.
+/// Cuts `words` to the length of the record, which is the second word.
 fn stated(words: &[u32]) -> Option<&[u32]> {
     words.get(..usize::try_from(*words.get(1)?).ok()?)
 }

@@ -191,8 +191,8 @@ mod tests {
         assert!(duty.per_mille() == 0 && duty.is_ready(&plan));
     }
 
-    /// Compares the model with the weighted mean that it stands for, over the accepted output periods, sample rates and
-    /// time constants.
+    /// Compares the model with the weighted mean that it approximates, over the accepted output periods, sample rates
+    /// and time constants.
     #[test]
     fn no_accepted_design_overflows_or_loses_the_heat() {
         for (rate_hz, period) in [(1e3, 10), (1e3, 1000), (5e4, 1000), (1e4, 10), (5e4, 1)] {

@@ -120,7 +120,7 @@ pub enum Event {
 pub struct Report {
     /// Record of this output.
     pub record: Record,
-    /// Record for telemetry: the same record, or a record of the black box while the black box is sent.
+    /// Record for telemetry. It is `record`, or a record of the black box while the black box is sent.
     pub streamed: Record,
     /// Push of the experiment at this output.
     pub push: Force,

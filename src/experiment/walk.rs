@@ -27,8 +27,7 @@ pub struct WalkSettings {
     pub damping_max_n_s_per_m: f64,
 }
 
-/// A point of the grid. It is given by the numbers of steps of K and of B from the start. The number of K may be
-/// negative.
+/// A point of the grid: the numbers of steps of K and of B from the start. The number for K may be negative.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cell {
     /// Steps of K from its start.
@@ -103,7 +102,7 @@ pub enum Ended {
     Closed,
     /// B reached its largest value. The boundary goes on beyond it.
     DampingMax,
-    /// B reached its largest value. Before that, K had reached its own at one point or more.
+    /// B reached its largest value. At one point or more before that, K had reached its largest value.
     BothMax,
     /// The boundary is closed, but at one point or more K reached its largest value.
     StiffnessMax,

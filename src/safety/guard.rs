@@ -219,7 +219,7 @@ impl<W: Width> GuardedSampler<W> {
             read_anew();
             FaultSet::EMPTY.with(Fault::LateRender).with_if(Fault::Memory, !self.sampler.is_whole())
         } else if !self.sampler.is_whole() {
-            // A flipped bit has moved position 0. It is enough to check this at due samples, and they have time for it,
+            // A flipped bit has moved position 0. A check at due samples is enough. Due samples have time for it,
             // because they are not the longest samples.
             cold_path();
             read_anew();

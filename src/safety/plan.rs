@@ -20,8 +20,8 @@ pub const SLEW: i32 = (1 << Force::FRACTION_BITS) / 20;
 pub(super) const PUSH_FORCE: i32 = (1 << Force::FRACTION_BITS) / 10;
 /// The longest time, in s, for which a larger force may act without a motion.
 pub(super) const PUSH_S: f64 = 0.05;
-/// The smallest number of counts that is a motion. Without a motion, a count that flickers at an edge changes by 1, and
-/// with noise by 2.
+/// Smallest change of the count that counts as a motion. At rest the count can flicker by 1 at an edge, and by 2 with
+/// noise.
 pub(super) const PUSH_COUNTS: u32 = 3;
 /// Binary places of a count in the computed motion of the heaviest handle.
 pub(super) const HEAVIEST_BITS: u32 = 32;

@@ -187,7 +187,8 @@ pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     right.into_iter().filter(|&right| right).count() >= 3
 }
 
-/// Reads a further record from these words, if they are one. Returns its sequence number and its content.
+/// Reads a further record from these words. Returns its sequence number and its content, or `None` if the words are no
+/// further record.
 pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Further)> {
     let [body @ .., check] = words;
     let [HEAD_FURTHER, sequence, numbers @ ..] = body else { return None };

@@ -37,8 +37,8 @@ pub const PREWARPED_MAX: f64 = 0.38;
 /// Accepted quality factors. Up to the highest quality factor, the magnitudes of the coefficients add up to less than 4
 /// at every cutoff.
 pub const QUALITY: RangeInclusive<f64> = 0.3..=2.0;
-/// If the cutoff is below this fraction of the sample rate, error feedback of second order leaves less noise than that
-/// of first order. The exact limit is 0.0655. At the limit both leave 0.36 LSB RMS, which is the sum of the squared
+/// Below this cutoff, as a fraction of the sample rate, second-order error feedback leaves less noise than first-order
+/// error feedback. The exact limit is 0.0655. At the limit both leave 0.36 LSB RMS. This follows from the squared
 /// impulse responses of `(1 - z^-1)^k / A(z)`.
 const SECOND_ORDER_BELOW: f64 = 0.064;
 

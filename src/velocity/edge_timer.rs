@@ -61,8 +61,8 @@ pub struct EdgeTimer<const TICKS: u32> {
     phase: Option<u32>,
     /// An edge that came after the last count was read.
     waiting: Option<Captured>,
-    /// Channel and direction of a count's last edge, and whether the count is odd, combined into one bit. The bit is
-    /// the same for all edges, once it is learnt.
+    /// One bit that combines three facts: the channel of a count's last edge, its direction, and whether the count is
+    /// odd. All edges give the same bit. `None` until the bit is learnt.
     turns: Option<bool>,
     latest: Option<Edge>,
 }

@@ -47,9 +47,9 @@ pub const BANDWIDTH_MAX: f64 = 0.25;
 /// For smoothing, the accepted ratios between the frequencies of the second and the first pole. With a large ratio the
 /// second pole is 1e-8 or less in the z plane, and has no effect.
 pub const RATIO: RangeInclusive<f64> = 1.0..=1e6;
-/// If the bandwidth is below this fraction of the sample rate, error feedback of second order leaves less noise than
-/// that of first order. At this fraction both leave 0.35 LSB RMS. This follows from the squared impulse responses of
-/// `(1 - z^-1)^k / (1 - p z^-1)^2`.
+/// Below this bandwidth, as a fraction of the sample rate, second-order error feedback leaves less noise than
+/// first-order error feedback. At this bandwidth both leave 0.35 LSB RMS. This follows from the squared impulse
+/// responses of `(1 - z^-1)^k / (1 - p z^-1)^2`.
 const SECOND_ORDER_BELOW: f64 = 0.05;
 
 /// A tracking loop in floating point.

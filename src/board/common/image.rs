@@ -32,7 +32,7 @@ pub fn image() -> Image<'static> {
 
 fn words(from: *const u32, to: usize) -> &'static [u32] {
     let from = from.expose_provenance();
-    // SAFETY: flash from one name of the linker to the next; both lie at multiples of four.
+    // SAFETY: the words are flash between two symbols of the linker. Both addresses are multiples of four.
     unsafe {
         slice::from_raw_parts(ptr::with_exposed_provenance(from), (to - from) / size_of::<u32>())
     }

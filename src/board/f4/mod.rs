@@ -156,9 +156,9 @@ pub struct Peripherals {
 }
 
 impl Chip {
-    /// Starts RTT, then the clock that `clock` describes. It is made from 8 MHz, which come from a crystal, or with
-    /// `external` from another chip. If the 8 MHz are missing, or if the chip is wrong, the board reports it and stops
-    /// here with all outputs off.
+    /// Starts RTT, then the clock that `clock` describes. This clock is made from 8 MHz. They come from a crystal, or
+    /// from another chip if `external` is true. If the 8 MHz are missing, or if the chip is wrong, the board reports it
+    /// and stops here with all outputs off.
     pub fn start<W: Wiring>(
         rcc: pac::RCC,
         clock: Config,

@@ -79,7 +79,7 @@ pub struct Console<P> {
     pub(super) replies: ReplyChannel,
     reader: LineReader<LINE_MAX>,
     pub(super) stored: Doubled<Stored>,
-    /// Number of the design that the stored settings equal, or 0 if they equal none.
+    /// Number of the design that equals the stored settings, or 0 if there is none.
     pub(super) design: u8,
     awaited: Option<Awaited>,
     /// Newest output, and the state at this output. The state does not include a running series, which only the console

@@ -33,7 +33,7 @@ pub struct HitSeries {
     next: Next,
     /// Number of the next push in [`PUSHES`].
     push: usize,
-    /// Of the pushes at this wall so far, the hit with the largest RMS of the force.
+    /// Among the pushes at this wall so far, the hit with the largest RMS of the force.
     loudest: Option<JudgedHit>,
 }
 

@@ -108,7 +108,7 @@ impl<P: Port> Console<P> {
             self.stream.count = 0;
             return;
         }
-        // The design before a fault is no longer known, so a record of the black box has none.
+        // A record of the black box has no design, because the design before the fault is no longer known.
         if !record.flags.contains(Flags::REPLAY) {
             record.flags = record.flags.with_design(self.design);
         }

@@ -169,7 +169,7 @@ fn a_return_that_is_taken_starts_and_one_that_cannot_start_is_refused_with_the_r
     }
 }
 
-/// The step of r is rounded up to a whole number of counts here, and the lead has the same number. r must take this
+/// Here the step of the reference r is rounded up to a whole number of counts, which is also the lead. r must take this
 /// step in both directions.
 #[test]
 fn a_step_as_long_as_the_lead_is_taken_on_either_side() {

@@ -84,7 +84,7 @@ impl Held {
     }
 }
 
-/// Each wall that is tried has this many times the K of the wall before.
+/// Each tried wall has this many times the K of the wall before.
 const SOFTER: f64 = 0.9;
 /// At most this number of walls is tried.
 const SOFTER_TRIES: i32 = 30;

@@ -31,7 +31,7 @@ impl From<Ended> for End {
     }
 }
 
-/// After every line was answered, the library must have sent the same as the image within this number of samples.
+/// Within this number of samples after the last answer, the library must have sent the same as the image.
 const LATE: u64 = 400;
 /// A low supply must disable the amplifier within this number of cycles, which is 60 us (docs/faults.md).
 const DETECTED: u64 = 10_000;

@@ -31,7 +31,7 @@ use crate::{
     study::{sweep::start_offset_counts, walk::walk},
 };
 
-/// The walks here use steps of K and B that are this number of times the scene's steps.
+/// Steps of K and B in these walks, as a multiple of the scene's steps.
 pub const COARSER: f64 = 4.0;
 /// Number of walks, each from another start position.
 const REPEATS: u32 = 2;

@@ -52,7 +52,7 @@ impl Budget {
 
 /// Largest number of walks for one tried tuning of a search.
 pub const WALKS_OF_A_TRY: u32 = 2;
-/// A search with two parameters may try this many times as many tunings as a search with one parameter.
+/// A search with two parameters may try this many times the tunings of a search with one parameter.
 pub const OF_TWO: u32 = 4;
 /// The share of the tunings that the evenly spaced first step uses, as numerator and denominator. The first fraction is
 /// for one axis, the second is for two.
@@ -316,7 +316,7 @@ impl Search {
         Ok(search)
     }
 
-    /// Tries those of the places that are new, as long as the limit allows it.
+    /// Tries the new ones of the places, as long as the limit allows it.
     fn look_at(
         &mut self,
         axes: &Axes,

@@ -46,8 +46,8 @@ use crate::{
     },
 };
 
-/// The grid of the search is so coarse that the reference's boundary has this number of columns, and this number of
-/// rows up to its peak.
+/// On the grid of the search, the reference's boundary has this number of columns. Up to its peak it has the same
+/// number of rows.
 const COLUMNS: f64 = 28.0;
 /// The number of columns on the grid of the refinement.
 const FINE_COLUMNS: f64 = 56.0;
@@ -57,7 +57,7 @@ const REFINE: f64 = 0.2;
 /// and two starts between them.
 const CHOICE: [f64; 4] =
     [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
-/// This number of best filters is walked again on the scene's grid, for each cap and for each grid of the search.
+/// Number of best filters that are walked again on the scene's grid, for each cap and for each grid of the search.
 const CHOSEN: usize = 8;
 /// The result also has the best filters below these caps on the gain peak, in dB. Only caps below the requested cap are
 /// used.

@@ -141,16 +141,16 @@ pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<S
     questions
 }
 
-/// A step is reported if it has at least this size in counts, and at least this ratio to the RMS of the steps around
-/// it.
+/// A step is reported if it has at least `STEP_COUNTS` counts, and is more than `STEP_PER_RMS` times the RMS of the
+/// steps around it.
 const STEP_COUNTS: f64 = 3.0;
 const STEP_PER_RMS: f64 = 6.0;
 /// A step is compared with `AROUND` rows on each side. The new level must last for `STAYS` rows.
 const AROUND: usize = 50;
 const STAYS: usize = 5;
 
-/// Finds a lasting step of the residual. Returns the row after the first at which it is, and its size in counts. A
-/// force cannot cause such a step of the position.
+/// Finds a lasting step of the residual. Returns the row in which it comes, counted from the first row, and its size in
+/// counts. A force cannot cause such a step of the position.
 pub(super) fn step(residual_counts: &[f64]) -> Option<(usize, f64)> {
     let steps: Vec<f64> = residual_counts.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let middle = |rows: &[f64]| {

@@ -61,7 +61,8 @@ pub(super) const WINDOWS: [usize; 3] = [400, 100, 25];
 const WINDOW_ROWS: usize = 12;
 /// At least this number of windows must be in motion.
 const FEWEST_WINDOWS: usize = 8;
-/// A window is in motion if each quarter moves at least this share of the motion in the fastest window.
+/// A window counts as in motion if the motion in each of its quarters is at least this share of the motion in the
+/// fastest window.
 const IN_MOTION: f64 = 0.02;
 
 /// Weight over a window. The weight and its first two derivatives are 0 at both ends. The position `s` in the window is

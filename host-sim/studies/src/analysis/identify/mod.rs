@@ -240,7 +240,7 @@ fn mean(record: &Record) -> f64 {
     record.position_m.iter().sum::<f64>() / record.len() as f64
 }
 
-/// First row from which on no command acts that is older than the record.
+/// First row from which on all commands that act are in the record.
 fn first_row(record: &Record, options: &Options) -> Result<usize, String> {
     let room_s = if options.fit_latency { options.latency_s + LATENCY_ROOM_S } else { 0.0 };
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]

@@ -37,8 +37,7 @@ const FEWEST_BLOCKS: usize = 4;
 const BOUND: f64 = 0.2;
 /// A residual only counts as bound by quantisation if its squared coherence is this number of standard errors above 0.
 const CERTAIN: f64 = 4.0;
-/// A sensor without counts has residuals in this share of the motion as their unit. With this unit the values are near
-/// 1.
+/// For a sensor without counts, the unit of the residuals is this share of the motion. So the values are near 1.
 const UNIT_SHARE: f64 = 1e-6;
 /// Number of harmonics of the sawtooth that are computed.
 pub(super) const HARMONICS: u32 = 64;

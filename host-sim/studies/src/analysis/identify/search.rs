@@ -52,7 +52,8 @@ const STARTS_TAKEN: usize = 3;
 const STILL_NOISE: f64 = 0.5;
 /// The shortest record must have this many times the rows of the longest stride.
 const STRIDES: usize = 20;
-/// Estimates are compared with those of a stride that is shorter and a stride that is longer by this factor.
+/// The estimates are compared with the estimates of two other strides. One stride is shorter and one is longer, by this
+/// factor.
 const ASIDE: usize = 4;
 /// After a step of the search, the friction is limited to this share of the largest force.
 const FRICTION_MOST: f64 = 0.5;
@@ -704,7 +705,7 @@ impl Search<'_> {
         }
     }
 
-    /// The values without some first speeds: those of records in which friction holds the handle at the first row.
+    /// The values without the first speeds of those records in which friction holds the handle at the first row.
     fn held(&self, values: Values) -> Values {
         let problem = self.problem(values);
         let (layout, values) = (*problem.values.layout(), &problem.values);
@@ -728,7 +729,7 @@ impl Search<'_> {
             .fold(0, |bits, index| bits | 1 << index)
     }
 
-    /// The values after one Gauss-Newton step, and the reduction of the sum of squares that it promises.
+    /// The values after one Gauss-Newton step, and the expected reduction of the sum of squares.
     fn linear_step(&self, values: &Values) -> Option<(Values, f64)> {
         let problem = self.problem(values.clone());
         let residual = -problem.residuals()?;

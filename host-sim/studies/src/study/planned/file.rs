@@ -55,7 +55,7 @@ pub struct Keys {
     #[serde(default, deserialize_with = "numbers")]
     dampings: Option<Vec<f64>>,
     repeat: Option<u32>,
-    /// Number of points that make a unit. `None` stands for the default, which is as many points as need some seconds.
+    /// Number of points in a unit. With `None`, a unit has as many points as take some seconds.
     pub points_per_unit: Option<u64>,
     #[serde(default)]
     product: Table,
@@ -297,7 +297,7 @@ impl Keys {
     }
 }
 
-/// Refuses to change a key of a scene that has a key of its own in the study.
+/// Refuses a change of a scene's key if the study itself has a key for it.
 fn may_change(table: &str, key: &str) -> Result<(), String> {
     let place = match key {
         "velocity.estimator" => "the key `estimators` of the study",
