@@ -342,7 +342,7 @@ mod tests {
         }
     }
 
-    /// There is no contact at the surface itself. The wall defines it in the same way.
+    /// There is no contact at the surface itself. The code of the wall has the same definition.
     #[test]
     fn contact_begins_one_count_behind_the_surface() {
         let control = control(VelocitySettings::Difference {});

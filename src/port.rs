@@ -135,7 +135,8 @@ mod tests {
     #[test]
     fn a_spring_gives_back_what_it_took_and_a_late_one_more() {
         let mut port = PortEnergy::new(at(0));
-        // The handle moves in by steps of ten counts, and out again. The force of each step is that of its beginning.
+        // The handle moves in by steps of ten counts, and out again. In each step the force is the force at the
+        // beginning of the step.
         for place in (0..100).step_by(10).chain((0..=100).rev().step_by(10)) {
             port.acts(i64::from(place) * 1000, true, at(place));
         }

@@ -88,7 +88,7 @@ pub struct BoardFacts {
     pub output: Output,
     /// Senses that an estimator can use beside the count.
     pub senses: &'static [Sense],
-    /// The time from the reading of the counter to the force, in samples. A record must not have a shorter one.
+    /// Time from the reading of the counter to the force, in samples. The latency of a record must not be shorter.
     pub latency_samples: f64,
 }
 

@@ -70,7 +70,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// All verdicts that there are.
+    /// All verdicts.
     pub const ALL: [Self; 3] = [Self::Stable, Self::Unstable, Self::NoContact];
 
     /// Name of the verdict for programs, in files and JSON.

@@ -30,9 +30,9 @@ pub struct WalkSettings {
 /// A point of the grid: the numbers of steps of K and of B from the start. The number for K may be negative.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cell {
-    /// Steps of K from its start.
+    /// Number of steps of K from the start.
     pub stiffness: i32,
-    /// Steps of B from its start.
+    /// Number of steps of B from the start.
     pub damping: i32,
 }
 

@@ -135,7 +135,7 @@ impl ButterworthDesign {
     }
 }
 
-/// First-order low-pass `wc / (s + wc)` in floating point, by the same transform. Its coefficients are
+/// First-order low-pass `wc / (s + wc)` in floating point, by the bilinear transform. Its coefficients are
 /// `b0 = b1 = w / (2 + w)` and `a1 = (w - 2) / (2 + w)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {

@@ -44,8 +44,8 @@ use crate::range::{SettingsError, within};
 pub const BANDWIDTH_MIN: f64 = 3.5e-5;
 /// Highest accepted bandwidth, as a fraction of the sample rate.
 pub const BANDWIDTH_MAX: f64 = 0.25;
-/// For smoothing, the accepted ratios between the frequencies of the second and the first pole. With a large ratio the
-/// second pole is 1e-8 or less in the z plane, and has no effect.
+/// For smoothing, the accepted ratios of the second pole's frequency to the first pole's frequency. With a large ratio
+/// the second pole is 1e-8 or less in the z plane, and has no effect.
 pub const RATIO: RangeInclusive<f64> = 1.0..=1e6;
 /// Below this bandwidth, as a fraction of the sample rate, second-order error feedback leaves less noise than
 /// first-order error feedback. At this bandwidth both leave 0.35 LSB RMS. This follows from the squared impulse

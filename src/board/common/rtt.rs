@@ -51,7 +51,7 @@ impl contract::CommandChannel for Commands {
     }
 }
 
-/// Sets up the channels, and gives up channel 0 to the logger. Call it only once.
+/// Sets up the channels, and gives channel 0 to the logger. Call it only once.
 pub(in crate::board) fn init() -> Channels {
     let channels = rtt_init! {
         up: {

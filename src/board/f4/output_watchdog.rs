@@ -89,7 +89,7 @@ impl OutputWatchdog {
 /// Starts the count again from zero. Each output does this.
 #[inline(always)]
 pub(super) fn begin_anew() {
-    // SAFETY: the address is TIM8's; any 16-bit value is a count, and nothing else writes it.
+    // SAFETY: the address is TIM8's. Any 16-bit value is a valid count, and nothing else writes it.
     unsafe { (*pac::TIM8::ptr()).cnt().write(|w| w.bits(0)) };
 }
 

@@ -41,7 +41,8 @@ impl BoardPin {
     pub fn hold_low(self) {
         let Self { port, number } = self;
         let mode = self.read(MODE) & !(0b11 << (2 * number)) | 0b01 << (2 * number);
-        // SAFETY: registers of this chip; low, then an output. Nothing else in this program writes them after `init`.
+        // SAFETY: registers of this chip. The pin is first set low, then made an output. Nothing else in this program
+        // writes these registers after `init`.
         unsafe {
             ptr::without_provenance_mut::<u32>((port + SET_CLEAR) as usize)
                 .write_volatile(1 << (16 + number));

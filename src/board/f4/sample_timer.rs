@@ -16,7 +16,7 @@ impl SampleTimer {
     pub fn new(timer: pac::TIM5, ticks: u32, rcc: &mut Rcc) -> Self {
         pac::TIM5::enable(rcc);
         pac::TIM5::reset(rcc);
-        // SAFETY: any 32-bit value is a period.
+        // SAFETY: any 32-bit value is a valid period.
         timer.arr().write(|w| unsafe { w.bits(ticks.wrapping_sub(1)) });
         timer.cr1().write(|w| w.urs().set_bit());
         timer.egr().write(|w| w.ug().set_bit());

@@ -122,7 +122,7 @@ fn counted(core_hz: u32) -> Found {
     let (port, counter) = unsafe { (&*pac::GPIOC::ptr(), &*pac::TIM2::ptr()) };
     let [a, b] = WIRES;
     let (high, low) = (|pin: u32| 1 << pin, |pin: u32| 1 << (16 + pin));
-    // SAFETY: two pins low, then outputs; all other pins stay.
+    // SAFETY: two pins are set low, then made outputs. All other pins stay unchanged.
     unsafe {
         port.bsrr().write(|w| w.bits(low(a) | low(b)));
         port.moder().modify(|r, w| w.bits(r.bits() | 0b01 << (2 * a) | 0b01 << (2 * b)));
@@ -205,7 +205,7 @@ fn oscillator_hz(timer_hz: u32) -> u32 {
         least = Some(least.map_or(ticks, |least: u32| least.min(ticks)));
         last = Some(now);
     }
-    // SAFETY: as after set-up.
+    // SAFETY: the registers get the values that they had after set-up.
     unsafe {
         timer.ccer().write(|w| w.bits(0));
         timer.ccmr2_input().write(|w| w.bits(0));

@@ -179,7 +179,7 @@ impl<P: Port> Console<P> {
     /// Takes the output codes of the hit that is over, and judges the hit.
     #[inline(never)] // f64 here would make every pass save the floating-point registers
     pub(super) fn hit_codes(&mut self, codes: RunningVariance) {
-        // If there is no series, it was stopped meanwhile.
+        // Without a series, the series of this hit was stopped meanwhile.
         let (Some(mut hit), Some(series)) = (self.over.take(), self.series) else { return };
         let stored = series.settings(*self.stored);
         hit.quiet = self.quiet_window(&stored, &hit.counts, &codes);

@@ -93,7 +93,8 @@ pub struct MotorTable {
 }
 
 impl MotorTable {
-    /// Checks that the scene has either both keys or neither key. The firmware would read an absent key as 0.
+    /// Checks that the scene has both keys of the current signal, or neither of them. The firmware would read an absent
+    /// key as 0.
     fn check_current(&self) -> Result<(), String> {
         let (rest, full) = ("motor.current_sense_rest", "motor.current_sense_full");
         let (missing, key, value) = match (self.current_sense_rest, self.current_sense_full) {

@@ -74,7 +74,7 @@ impl<T> Looked<T> {
         self.made.iter().find(|(other, _)| other == settings).map_or(&[], |(_, made)| made)
     }
 
-    /// Mean of the areas of a tuning that are known so far; 0 if none is known.
+    /// Mean of the known areas of a tuning, or 0 if no area is known yet.
     fn mean(&self, settings: &VelocitySettings, area: impl Fn(&(T, Boundary)) -> f64) -> f64 {
         Repeats::of(self.of(settings).iter().map(&area)).mean
     }

@@ -66,8 +66,8 @@ pub const GAIN: f64 = 0.002;
 pub const LAST_STEP: f64 = 1.03;
 /// Smallest step on any axis, as a share of the axis.
 const LEAST_STEP: f64 = 1e-4;
-/// Factor by which the bandwidth of a wrong tuning is wrong. The loss of area at this tuning shows how critical the
-/// tuning is.
+/// A wrong tuning has a bandwidth that is too large or too small by this factor. The loss of area at this tuning shows
+/// how critical the tuning is.
 pub const WRONG_BY: f64 = 1.2;
 /// Relative error of the mass in a wrong model. Both a larger and a smaller mass are tried.
 pub const MASS_WRONG_BY: f64 = 0.2;

@@ -301,7 +301,7 @@ mod tests {
         assert!(ranking.spearman > 0.9, "{}", ranking.spearman);
         let rows = &ranking.estimators;
         let of = |name: &str| rows.iter().find(|row| row.estimator == name).unwrap();
-        // Sweeps of the scenes order these estimators in the same way.
+        // Sweeps of the scenes give the same order of these estimators.
         assert!(of("kalman-3").error_m_per_s < of("kalman-2").error_m_per_s);
         assert!(of("butterworth").error_m_per_s < of("difference").error_m_per_s);
         // The error of the plain difference comes from two roundings and from a delay of half a sample.

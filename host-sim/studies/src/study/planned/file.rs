@@ -181,7 +181,7 @@ const REPEAT_MAX: u32 = 1000;
 const PER_UNIT_MAX: u64 = 1_000_000;
 
 impl Keys {
-    /// Checks those rules for the keys that need no scene.
+    /// Checks the rules for the keys that need no scene.
     fn check(&self) -> Result<(), String> {
         if self.scenes.is_empty() {
             return Err("scenes is empty, allowed built-in names and scene files".into());
