@@ -178,7 +178,7 @@ impl Force {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Demand {
     bits: i64,
-    /// Whether the requested force was beyond even this range.
+    /// Whether the magnitude of `bits` is less than was requested.
     clipped: bool,
 }
 

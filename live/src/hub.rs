@@ -219,7 +219,7 @@ impl Hub {
         }
     }
 
-    /// What the display shows of a virtual board's device: its present state.
+    /// Present state of a virtual board's device, for the display.
     pub fn seen(&self) -> Option<Seen> {
         self.board.as_ref().map(|board| board.seen())
     }
@@ -247,7 +247,7 @@ impl Hub {
 struct Pending {
     line: String,
     /// How the expected reply begins. `None` if any reply is accepted. Only questions of this program have a known
-    /// beginning. It ensures that the reply to an earlier command is not taken for the reply to a question.
+    /// beginning. With it, the reply to an earlier command is not taken for the reply to a question.
     begins: Option<String>,
     /// Whether the reply is shown to a person.
     loud: bool,

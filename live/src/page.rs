@@ -21,7 +21,7 @@ use crate::{
 
 /// Time between two calls of [`Page::tick`].
 pub const TICK: Duration = Duration::from_millis(30);
-/// In a triggered view, this fraction is before the trigger.
+/// Part of a triggered view that is before the trigger.
 const BEFORE: f64 = 0.25;
 
 pub struct Shared {

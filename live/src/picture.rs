@@ -19,7 +19,7 @@ use crate::{
     spectrum,
 };
 
-/// A spectrum uses this number of rows. A phase plane uses `PHASE_ROWS` rows.
+/// Number of rows in a spectrum. `PHASE_ROWS` is the number of rows in a phase plane.
 const SPECTRUM_ROWS: u16 = 8192;
 const PHASE_ROWS: u64 = 2048;
 const BANDS: u32 = 240;

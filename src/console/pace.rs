@@ -27,7 +27,7 @@ impl Pace {
         self.rest == 0
     }
 
-    /// Ends a pass that has taken bytes or answered.
+    /// Ends a pass in which bytes were taken or a command was answered.
     pub fn end(&mut self, clock: u16) {
         let spent = clock.wrapping_sub(self.begun).max(1);
         self.rest = self.rest.saturating_add(spent.saturating_mul(PARTS) / 4);

@@ -152,7 +152,7 @@ impl Render {
         let record = self.follow(&rendered, up.motion);
         self.meet_order();
         if self.ends.reports.ready() {
-            // There is room in the queue, and no other task writes to it, so this cannot fail.
+            // There is room in the queue, and no other task writes to it, so the call cannot fail.
             let _ = self.ends.reports.enqueue(self.renderer.report(record));
         }
         board::request_link();

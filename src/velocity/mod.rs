@@ -129,7 +129,7 @@ fn steps<F: Form>(
     senses: &[Senses],
     velocities: &mut [Velocity],
 ) {
-    /// A state of at most this many bytes is copied, because its copy can stay in registers.
+    /// Largest size of a state that is copied, in bytes. Its copy can stay in registers.
     const FEW: usize = 64;
     let mut each = |state: &mut F::State| {
         let step = |state: &mut F::State, place: usize, moved: i32| {

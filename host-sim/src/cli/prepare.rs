@@ -414,7 +414,7 @@ impl Said<'_> {
         lines.join("\n")
     }
 
-    /// The criterion for a stable wall that the sweeps of the envelope use.
+    /// The criterion by which the sweeps of the envelope judge a stable wall.
     fn judged_by(&self) -> String {
         let wall_hit = &self.scene.wall_hit;
         let limit = match wall_hit.criterion {

@@ -111,7 +111,7 @@ fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 
-/// One count per sample is this number of LSB of the core's velocity.
+/// Number of LSB of the core's velocity in one count per sample.
 const LSB_PER_COUNT: f64 = 65_536.0;
 
 /// The default cutoffs. They begin at 0.1 Hz and have the steps 1, 2 and 5 in each decade. The last one is 0.45 of the

@@ -5,7 +5,7 @@ use filter_forms::Filter;
 
 use super::{Bench, LSB_PER_COUNT, larger};
 
-/// After this number of periods of the cutoff, the exact output is below 10^-38 of its value at the stop.
+/// Number of periods of the cutoff after which the exact output is below 10^-38 of its value at the stop.
 const PERIODS: f64 = 20.0;
 /// After `PERIODS` periods the output is measured for at least this number of samples, and for at least
 /// `WATCHED_PERIODS` periods of the cutoff.

@@ -4,8 +4,8 @@ use core::{ptr, slice};
 
 use zwidth::image::Image;
 
-// SAFETY: words of flash that nothing writes while this runs. Only the seal is read. Of the other symbols only the
-// address is used.
+// SAFETY: words of flash that nothing writes while the program runs. Only the seal is read. Of the other symbols only
+// the address is used.
 unsafe extern "C" {
     safe static __vector_table: u32;
     safe static _seal: [u32; 1];

@@ -50,12 +50,12 @@ impl<W: Wiring> contract::SelfTest for SelfTest<W> {
         watchdog::renew();
         match part {
             Part::Chip => {
-                // SAFETY: the address is DBGMCU's; this only reads.
+                // SAFETY: the address is DBGMCU's, and this code only reads.
                 let id = unsafe { (*pac::DBGMCU::ptr()).idcode().read().dev_id().bits() };
                 Found::Chip { id: id.into(), expected: W::CHIP }
             }
             Part::BrownOutReset => {
-                // SAFETY: the address is the flash controller's; this only reads.
+                // SAFETY: the address is the flash controller's, and this code only reads.
                 let options = unsafe { (*pac::FLASH::ptr()).optcr().read().bits() };
                 Found::BrownOutReset { level: options >> 2 & 3, expected: W::BROWN_OUT_RESET }
             }
@@ -77,7 +77,7 @@ const RAM: core::ops::RangeInclusive<u32> = 0x2000_0000..=0x2002_0000;
 fn image() -> Found {
     let image = crate::board::image();
     let [vectors, ..] = image.parts;
-    // SAFETY: the address is the core's; this only reads.
+    // SAFETY: the address is the core's, and this code only reads.
     let in_force = unsafe { (*cortex_m::peripheral::SCB::PTR).vtor.read() };
     let stack = vectors.first().is_some_and(|top| RAM.contains(top) && top % 8 == 0);
     let leads = |&vector: &u32| vector == 0 || vector & 1 == 1 && FLASH.contains(&vector);

@@ -166,7 +166,7 @@ fn stop_supply_settings_and_debugger_are_off_within_one_output_and_need_their_ca
         bench.inputs = GOOD;
         bench.run(20);
         bench.recover();
-        // With the force off this is no fault, and only prevents `arm`.
+        // With the force off these inputs are no fault. They only prevent `arm`.
         bench.ask(Request::Disarm).unwrap();
         bench.inputs = inputs;
         bench.run(20);

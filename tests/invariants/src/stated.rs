@@ -9,7 +9,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// One count per sample is this number of LSB of the velocity.
+/// Number of LSB of the velocity in one count per sample.
 pub const LSB: f64 = 65_536.0;
 
 /// What docs/estimators.md states about an estimator on a device. The values are in counts and samples.

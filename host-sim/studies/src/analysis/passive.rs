@@ -26,7 +26,7 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// On each boundary, at most this number of walls is hit. The walls are evenly spaced in B.
+/// Largest number of walls that are hit on a boundary. The walls are evenly spaced in B.
 const WALLS: usize = 24;
 
 #[derive(Clone, Debug)]

@@ -76,7 +76,7 @@ impl RangeBasis {
     }
 }
 
-/// If the ratio of neighbouring cutoffs is above this value, the cutoffs are too far apart.
+/// Largest ratio of neighbouring cutoffs that are not too far apart.
 const COARSE: f64 = 1.3;
 
 /// A scene and the filters with which a sweep walks it.

@@ -75,7 +75,7 @@ impl Told {
     }
 }
 
-/// If the image's value differs from the library's, a text with both values.
+/// A text with both values if the image's value differs from the library's. Otherwise `None`.
 fn different<T: PartialEq + Debug>([image, library]: [T; 2]) -> Option<String> {
     (image != library).then(|| format!("the image tells {image:?}, the library {library:?}"))
 }

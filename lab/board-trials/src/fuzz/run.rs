@@ -33,7 +33,7 @@ impl From<Ended> for End {
 
 /// Within this number of samples after the last answer, the library must have sent the same as the image.
 const LATE: u64 = 400;
-/// A low supply must disable the amplifier within this number of cycles, which is 60 us (docs/faults.md).
+/// Number of cycles within which a low supply must disable the amplifier. It is 60 us (docs/faults.md).
 const DETECTED: u64 = 10_000;
 /// Part of the symbol name of the data that the tasks share. The compiler decides the layout of this data. The queue of
 /// orders is at the end and has a known size. The queue of reports is before the queue of orders. Each queue ends with

@@ -39,7 +39,8 @@ const REPEATS: u32 = 2;
 /// point, in steps of K.
 const POINTS: usize = 8;
 const BESIDE: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
-/// The second reference starts this number of counts away from the first. Their difference shows the effect of chaos.
+/// Distance of the second reference's start from the start of the first, in counts. Their difference shows the effect
+/// of chaos.
 pub const NUDGE_COUNTS: f64 = 0.25;
 /// Numbers of equal steps per sample.
 const STEPS: [u32; 6] = [1, 2, 5, 10, 20, 50];

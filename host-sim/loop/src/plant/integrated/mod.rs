@@ -32,7 +32,7 @@ use crate::{
 const EVENTS_MAX: u32 = 200;
 /// Shortest adaptive step, as a fraction of the sample.
 const SHORTEST: f64 = 1e-6;
-/// Times up to this fraction of the sample are treated as 0.
+/// Largest time that is treated as 0, as a fraction of the sample.
 const NO_TIME: f64 = 1e-13;
 
 /// A plant of N linear states, with its non-linear elements and its integrator.

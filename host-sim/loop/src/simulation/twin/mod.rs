@@ -21,7 +21,7 @@ use zwidth::{
 
 use crate::simulation::controller::{Controller, ControllerOutput};
 
-/// A filter state below this value is set to zero. Subnormal numbers would make the loop seven times slower.
+/// Largest filter state that is set to zero. Subnormal numbers would make the loop seven times slower.
 pub(crate) const FLUSH_BELOW: f64 = 1e-30;
 
 /// Largest number of differences in an estimator's state.

@@ -13,7 +13,7 @@ use crate::{error::Error, numerics::statistics::Repeats, study::boundary::Bounda
 /// is half a count further. The repeats never use these starts.
 pub(in crate::analysis) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
 
-/// A tuning is walked from the second start only if its first area is at least this share of the best area.
+/// Smallest first area of a tuning that is also walked from the second start, as a share of the best area.
 pub const CAN_WIN: f64 = 0.95;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

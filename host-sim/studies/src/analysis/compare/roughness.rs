@@ -25,7 +25,7 @@ pub struct Contact {
     pub roughness_n: Vec<f64>,
 }
 
-/// Only force components above this frequency count as roughness.
+/// Frequency above which force components count as roughness, in Hz.
 pub const ROUGH_ABOVE_HZ: f64 = 100.0;
 pub const HITS: u32 = 16;
 

@@ -60,7 +60,7 @@ const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
 /// Number of lines of the first grid along the second axis. The axis is divided into this many equal parts, and each
 /// line is in the middle of a part.
 const LINES: u32 = 3;
-/// A neighbour counts as better if its area is larger by more than this share.
+/// Smallest gain of area with which a neighbour counts as better, as a share.
 pub const GAIN: f64 = 0.002;
 /// The search ends at this step, a ratio of two bandwidths. For whole-number tunings it ends at `LEAST_STEP`.
 pub const LAST_STEP: f64 = 1.03;
@@ -298,7 +298,7 @@ impl Search {
             };
             for (n, &direction) in directions.iter().enumerate() {
                 let place = to(direction);
-                // The opposite direction may be needed next, so it is walked in parallel with this one.
+                // The opposite direction may be needed next, so it is walked in parallel with the present direction.
                 let soon = directions.get(n + 1).filter(|_| n % 2 == 0).map(|next| to(*next));
                 if search.tried.len() >= limit as usize && search.is_new(axes, place) {
                     return Ok(search);

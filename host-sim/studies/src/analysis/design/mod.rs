@@ -46,12 +46,12 @@ use crate::{
     },
 };
 
-/// On the grid of the search, the reference's boundary has this number of columns. Up to its peak it has the same
+/// Number of columns of the reference's boundary on the grid of the search. Up to its peak the boundary has the same
 /// number of rows.
 const COLUMNS: f64 = 28.0;
 /// The number of columns on the grid of the refinement.
 const FINE_COLUMNS: f64 = 56.0;
-/// The refinement gets this share of the budget.
+/// Share of the budget that the refinement gets.
 const REFINE: f64 = 0.2;
 /// Positions at which the walks start that choose among the best filters, in counts. They are the starts of a search
 /// and two starts between them.

@@ -8,17 +8,18 @@ use super::{
 };
 use crate::{range::refused, scene::ranges};
 
-/// A record must travel over at least this number of counts.
+/// Smallest travel of a record, in counts.
 const FEWEST_COUNTS: f64 = 20.0;
-/// A position may be this far from a whole count, in counts. The tolerance allows for the rounding of printed numbers.
+/// Largest distance of a position from a whole count, in counts. The tolerance allows for the rounding of printed
+/// numbers.
 const OFF_GRID_MAX: f64 = 0.01;
-/// The voltage must change by at least this share of its limit. Otherwise it does not excite the device.
+/// Smallest change of the voltage, as a share of its limit. A smaller change does not excite the device.
 const EXCITATION_MIN: f64 = 1e-4;
-/// The model must explain at least this share of the motion's variance. If it explains less, effects outside the model
+/// Smallest share of the motion's variance that the model must explain. If it explains less, effects outside the model
 /// are as large as the parameters themselves.
 pub(super) const EXPLAINED_MIN: f64 = 0.99;
-/// A parameter counts as 0 if its effect on the response is below this share. The largest effect over the whole record
-/// counts.
+/// Smallest effect on the response with which a parameter does not count as 0, as a share. The largest effect over the
+/// whole record counts.
 const NEGLIGIBLE: f64 = 0.1;
 
 /// Refuses a record that cannot be fitted.

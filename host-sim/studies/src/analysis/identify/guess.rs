@@ -57,9 +57,9 @@ pub(super) fn without_mass(
 /// A record is divided into this many windows, one division after the other. Short windows suit devices that oscillate
 /// or reverse often. Long windows reduce noise.
 pub(super) const WINDOWS: [usize; 3] = [400, 100, 25];
-/// A window has at least this number of rows.
+/// Smallest number of rows in a window.
 const WINDOW_ROWS: usize = 12;
-/// At least this number of windows must be in motion.
+/// Smallest number of windows that must be in motion.
 const FEWEST_WINDOWS: usize = 8;
 /// A window counts as in motion if the motion in each of its quarters is at least this share of the motion in the
 /// fastest window.

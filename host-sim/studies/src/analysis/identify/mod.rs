@@ -59,9 +59,9 @@ use layout::{Included, Layout, Parameter, Values};
 use misfit::Misfit;
 use search::{Model, Search};
 
-/// If the latency is fitted, the fit begins later in the record by this time, in s.
+/// Time by which the fit begins later in the record if the latency is fitted, in s.
 const LATENCY_ROOM_S: f64 = 0.01;
-/// A residual above this multiple of the RMS is an outlier. Gaussian noise is above it in one of 10^10 rows.
+/// Largest residual that is no outlier, as a multiple of the RMS. Gaussian noise is above it in one of 10^10 rows.
 const OUTLIER: f64 = 6.5;
 
 /// What is known before an identification, and its options.

@@ -31,9 +31,9 @@ const LEVELS: usize = 7;
 /// Over a stretch, the speed may change by at most this share of the Stribeck speed. The handle may move by at most
 /// this angle of the cogging, in rad.
 const STRETCH: f64 = 0.25;
-/// At speeds above this multiple of the Stribeck speed, friction equals Coulomb friction.
+/// Speed above which friction equals Coulomb friction, as a multiple of the Stribeck speed.
 const SLOW: f64 = 3.5;
-/// A share of a step below this value is a rounding error.
+/// Largest share of a step that is a rounding error.
 const SAME: f64 = 1e-9;
 
 /// The parameters of one record's motion. Forces are divided by the mass.

@@ -42,20 +42,20 @@ const SMALL_FORCE: f64 = 1e-4;
 const STRIDES_OF_COGS: [usize; 3] = [2, 8, 32];
 /// First change of a parameter along the profile of the likelihood, in half-widths.
 const PROFILE_FROM: f64 = 1.0;
-/// The change [`PROFILE_FROM`] is doubled at most this many times.
+/// Largest number of times that the change [`PROFILE_FROM`] is doubled.
 const PROFILE_STEPS: usize = 10;
-/// A fit is made from this number of starts.
+/// Number of starts from which a fit is made.
 const STARTS_TAKEN: usize = 3;
 /// The missing force is computed with one stride and with twice the stride. This is the limit for the ratio of the
 /// second force to the first. If position noise makes the force, the ratio is 1/4. For a white force it is the root of
 /// 1/2. The limit is between these two ratios.
 const STILL_NOISE: f64 = 0.5;
-/// The shortest record must have this many times the rows of the longest stride.
+/// Smallest number of rows of the shortest record, divided by the rows of the longest stride.
 const STRIDES: usize = 20;
 /// The estimates are compared with the estimates of two other strides. One stride is shorter and one is longer, by this
 /// factor.
 const ASIDE: usize = 4;
-/// After a step of the search, the friction is limited to this share of the largest force.
+/// Largest friction after a step of the search, as a share of the largest force.
 const FRICTION_MOST: f64 = 0.5;
 
 /// A model and its fit.

@@ -28,13 +28,13 @@ use crate::{
     scene::Scene,
 };
 
-/// The tunings are tried in a design with this sample rate, in Hz. Every estimator has its defaults at this rate.
+/// Sample rate of the design in which the tunings are tried, in Hz. Every estimator has its defaults at this rate.
 const RATE_HZ: f64 = 1e4;
-/// In one pass, the search tries this number of points along an axis.
+/// Number of points along an axis that the search tries in one pass.
 const PLACES: u32 = 9;
 /// Number of passes of the search. Each pass searches a quarter of the range of the pass before.
 const PASSES: i32 = 3;
-/// Both ends of the record are left out for this time, in time constants of the low-pass.
+/// Length of each end of the record that is left out, in time constants of the low-pass.
 const SETTLES: f64 = 2.0;
 
 /// The result of one estimator on the counts of a record.

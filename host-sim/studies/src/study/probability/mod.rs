@@ -38,15 +38,15 @@ use crate::{
 
 /// Number of cells of a map in each direction, from 0 to the largest value that the walks reach.
 const CELLS: u32 = 40;
-/// At first, a map extends to this multiple of the largest value that the walks reach.
+/// First extent of a map, as a multiple of the largest value that the walks reach.
 const BEYOND: f64 = 1.1;
-/// If walls at the edge of the map are still stable, this number of rows or columns is added.
+/// Number of rows or columns that are added if walls at the edge of the map are still stable.
 const MORE: u32 = 8;
 /// Seeds of the random numbers: for devices, for starts, and for the bootstrap.
 const DEVICES: u64 = 0x5eed_0001;
 const STARTS: u64 = 0x5eed_0002;
 const AGAIN: u64 = 0x5eed_0003;
-/// A recommendation is based on this share of the draws, the worst ones.
+/// Share of the draws, the worst ones, on which a recommendation is based.
 pub const WORST: f64 = 0.05;
 /// Smallest number of devices for which the worst 5 % ([`WORST`]) have a lower bound.
 pub const DRAWS_MIN: u32 = 72;

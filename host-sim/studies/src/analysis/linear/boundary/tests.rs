@@ -14,7 +14,8 @@ use crate::{
 
 const LOOPS: u32 = 400;
 
-/// The number of unstable eigenvalues is compared on both sides of a crossing, at this relative distance from it.
+/// Relative distance from a crossing at which the number of unstable eigenvalues is compared, on both sides of the
+/// crossing.
 const ASIDE: f64 = 1e-4;
 
 /// Tolerance for an eigenvalue on the circle. The largest eigenvalue of the matrix is about a hundred times larger than
