@@ -151,10 +151,7 @@ impl ExplainReport<'_> {
         report::table(&columns, rows)
     }
 
-    /// The figure. It shows the boundaries of the scene and of the best changes.
-    ///
-    /// # Errors
-    /// The figure cannot be drawn.
+    /// The boundaries of the scene and of the best changes.
     pub fn figure(&self) -> Result<Figure, FigureError> {
         let Explanation { base, changes, .. } = self.found;
         let curve = |one: &Explained| {

@@ -189,10 +189,7 @@ impl ProbabilityStudy {
         tried.map(of).into_iter().collect()
     }
 
-    /// The figure with the contours at the leading cutoff.
-    ///
-    /// # Errors
-    /// The figure cannot be drawn.
+    /// The contours at the leading cutoff.
     pub fn figure(&self, scene: &NamedScene) -> Result<Option<Figure>, FigureError> {
         let Some(map) = self.leading() else { return Ok(None) };
         let points = |intervals: &[Interval]| {

@@ -119,7 +119,6 @@ pub fn csv_line(cells: &[Cell]) -> String {
 }
 
 impl Table {
-    /// A table that has these columns and no rows yet.
     pub fn new<N: Into<String>>(columns: impl IntoIterator<Item = (N, Kind)>) -> Self {
         let column = |(name, kind): (N, Kind)| Column { name: name.into(), kind };
         Self { columns: columns.into_iter().map(column).collect(), rows: vec![] }

@@ -94,7 +94,6 @@ impl Bench {
         Filter::new(variant, cutoff_hz, self.rate_hz, self.q15_fraction)
     }
 
-    /// Number of samples in `periods` periods of the cutoff.
     fn samples(&self, periods: f64, cutoff_hz: f64) -> u32 {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         let samples = (periods * self.rate_hz / cutoff_hz).ceil() as u32;

@@ -74,9 +74,6 @@ impl Question {
     }
 
     /// The board that the question names.
-    ///
-    /// # Errors
-    /// No board has this name.
     pub fn board(&self) -> Result<Board, Error> {
         Board::asked(self.board.as_deref().unwrap_or(NUCLEO_F446RE.name))
     }

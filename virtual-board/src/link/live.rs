@@ -63,9 +63,6 @@ impl LiveBoard {
     }
 
     /// Switches a board on as [`start`](Self::start) does, with a port for gdb. The listener must not block.
-    ///
-    /// # Errors
-    /// The same errors as in [`start`](Self::start).
     pub fn with_gdb(
         session: Session,
         begin: Begin,

@@ -38,10 +38,6 @@ const COMPARED: usize = 256;
 
 /// A core that a probe has opened. Each error is one line of text.
 pub trait Core: Memory<Error = String> {
-    /// Whether the core is halted.
-    ///
-    /// # Errors
-    /// The probe cannot read the core's state.
     fn is_halted(&mut self) -> Result<bool, String>;
 }
 

@@ -152,9 +152,6 @@ pub struct Fixed {
 
 impl Fixed {
     /// Makes a core with these settings and a constant push. It is at rest at `count`.
-    ///
-    /// # Errors
-    /// A setting is out of range.
     pub fn new(
         settings: &Settings,
         design: &Design,

@@ -26,10 +26,7 @@ pub enum LimitAsked {
 }
 
 impl LimitAsked {
-    /// Reads one limit.
-    ///
-    /// # Errors
-    /// The text is no limit. The error says what is allowed.
+    /// Reads one limit. An error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let one = text.trim();
         let (level, number) =

@@ -149,7 +149,6 @@ pub struct Recommended {
 pub struct FreeMotion {
     /// Mass of device and handle, in kg.
     pub mass_kg: f64,
-    /// Viscous damping, in N s/m.
     pub damping_n_s_per_m: f64,
     /// Dry friction while the handle slides, in N.
     pub friction_n: f64,

@@ -44,7 +44,6 @@ pub struct Observed {
 #[derive(Clone)]
 struct Told {
     sequence: u32,
-    /// The outputs, each with its force.
     outputs: Vec<(Record, Force)>,
     positions: Vec<Position>,
     /// Whether the frame may have waited for a save. During a long wait the image loses the frame's positions.
@@ -340,9 +339,6 @@ impl Oracle {
 
     /// Compares the hardware's enable and output code with the library's. A code is 0 at zero force. No task may be
     /// running during the call.
-    ///
-    /// # Errors
-    /// The outputs differ.
     pub fn outputs(&mut self, code: i32, enabled: bool) -> Result<(), String> {
         let Some(program) = self.program.as_ref().filter(|_| self.entries.is_empty()) else {
             return Ok(());

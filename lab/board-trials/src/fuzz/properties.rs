@@ -84,9 +84,6 @@ impl Properties {
     }
 
     /// Checks the board's new output and its present state.
-    ///
-    /// # Errors
-    /// A rule is broken.
     pub fn check(
         &mut self,
         world: &World<'_>,

@@ -117,11 +117,10 @@ impl<const N: usize> Field<N> for Smooth<'_, N> {
 }
 
 impl<const N: usize> IntegratedStep<N> {
-    /// The plant, sampled every `sample_s`. A command takes effect at `fraction` (0 to below 1) of the sample. N must
-    /// be the chain's number of states.
+    /// The plant, sampled every `sample_s`. A command takes effect at `fraction` (0 to below 1) of the sample.
     ///
     /// # Panics
-    /// If N is not the chain's number of states.
+    /// N is not the chain's number of states.
     pub fn new(
         chain: &Chain,
         nonlinear: &Nonlinear,

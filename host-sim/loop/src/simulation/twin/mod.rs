@@ -60,9 +60,6 @@ pub(crate) const ROUND_TO_LSB: f64 = 1.5 * (1u64 << 36) as f64;
 
 impl Twin {
     /// The twin of a core that has these settings and is at rest at `count`. `push` is a fraction of full scale.
-    ///
-    /// # Errors
-    /// A setting is out of range.
     pub fn new(
         settings: &Settings,
         design: &Design,

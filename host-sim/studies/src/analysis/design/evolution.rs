@@ -39,9 +39,6 @@ pub trait Field<const N: usize> {
     /// Gain peak of the filter at a point, in dB. It is infinite if there is no filter at this point.
     fn peak_db(&self, place: &Place<N>) -> f64;
     /// Quality of the filters at these points.
-    ///
-    /// # Errors
-    /// The filters could not be walked.
     fn worths(&mut self, places: &[Place<N>]) -> Result<Vec<f64>, Error>;
 }
 

@@ -212,9 +212,6 @@ pub(super) fn of_records(
 }
 
 /// Reads a record from a file in any accepted format. Error messages name the base scene with `base_name`.
-///
-/// # Errors
-/// The file cannot be read, or is no record.
 pub fn read(
     path: &Path,
     (base, base_name): (&NamedScene, &str),

@@ -58,7 +58,6 @@ const ASIDE: usize = 4;
 /// Largest friction after a step of the search, as a share of the largest force.
 const FRICTION_MOST: f64 = 0.5;
 
-/// A model and its fit.
 pub(super) struct Model {
     pub solution: Solution,
     pub weighed: Weighed,

@@ -74,7 +74,6 @@ pub struct Block {
 
 #[derive(Clone, Debug)]
 pub struct Study {
-    /// The contents of the study's file.
     pub file: StudyFile,
     /// All combinations of a scene and an estimator.
     pub blocks: Vec<Block>,
