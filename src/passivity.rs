@@ -251,9 +251,9 @@ impl PassiveWall {
     }
 }
 
-/// An account below 2^-`SPENT` of the reserve counts as spent. It is then treated as if it had this much, and an output
-/// gives at most half of it. Without this rule, a wall with an exactly spent account would give no force for the rest
-/// of the contact.
+/// An account below 2^-`SPENT` of the reserve counts as spent. It is then treated as 2^-`SPENT` of the reserve, and an
+/// output gives at most half of this. Without this rule, a wall with an exactly spent account would give no force for
+/// the rest of the contact.
 pub const SPENT: u32 = 20;
 
 /// The largest motion that is used, in counts. With it, products with two full scales stay below 2^62.

@@ -31,7 +31,7 @@ pub struct PortEnergy {
     at: Position,
     /// Energy of this contact, in LSB of force times counts.
     energy: i64,
-    /// The largest energy that any contact has given in excess of what it had taken, in LSB of force times counts.
+    /// The largest net energy that the wall had given at any time of any contact, in LSB of force times counts.
     given: i64,
 }
 

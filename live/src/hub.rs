@@ -34,7 +34,7 @@ const LOOK: Duration = Duration::from_millis(1);
 /// Longest time to wait for a reply. `SAVED` is for the reply to `save`, because that command erases flash.
 const REPLY: Duration = Duration::from_millis(500);
 const SAVED: Duration = Duration::from_secs(3);
-/// If the board gets no `alive` for this time, in ms, it switches the force off. `WORD` is the time between two `alive`
+/// Time in ms without `alive` after which the board switches the force off. `WORD` is the time between two `alive`
 /// commands.
 const PROMISE_MS: u32 = 200;
 const WORD: Duration = Duration::from_millis(50);

@@ -271,7 +271,7 @@ impl<'a> Device<'a> {
         let count = (flags >> DESIGNS & 0xFF) as usize;
         let (designs, envelope) = Designs::split(count, tables).ok_or(BadRecord::Designs)?;
         let mut numbers = stated.as_chunks::<2>().0.iter();
-        // Returns the next number. They are read in the order of the function `numbers`.
+        // Returns the next number, in the order of the function `numbers`.
         let mut next = || match numbers.next() {
             Some(&[low, high]) => f64::from_bits(u64::from(low) | u64::from(high) << 32),
             None => f64::NAN,

@@ -66,8 +66,8 @@ pub enum Order {
     /// New settings, and whether their gains are inside the envelope. Gains outside the envelope are allowed only if
     /// the envelope is unlocked.
     LoopParameters(LoopParameters, Gains),
-    /// The values for a new output period. The loop's parameters for this period follow in the next order. It is
-    /// allowed only with the force off.
+    /// The values for a new output period. The loop's parameters for this period follow in the next order. A new period
+    /// is allowed only with the force off.
     Period(PeriodPlan),
     /// Run a wall hit.
     Hit(HitSequencePlan),

@@ -63,8 +63,8 @@ pub fn penetration_ratio(spring_n: f64, wall_force_n: f64) -> Option<f64> {
 }
 
 impl QuietWindow {
-    /// Whether the mean penetration equals the wall's force divided by K. A tenth of it, or one count, is allowed as
-    /// error.
+    /// Whether the mean penetration equals the wall's force divided by K. An error of a tenth is allowed, or of one
+    /// count if that is more.
     pub fn stands(&self) -> bool {
         let off = STANDS.max(self.count_n / libm::fabs(self.wall_force_n));
         self.penetration_ratio.is_some_and(|ratio| libm::fabs(ratio - 1.0) <= off)

@@ -187,7 +187,8 @@ impl<const N: usize> Renderer<N> {
         match order {
             Order::Request(request) => {
                 let result = self.supervisor.request(request);
-                // This is done now, not with the next output: flash may be written as soon as this order is answered.
+                // The command is set now, not with the next output, because flash may be written as soon as this order
+                // is answered.
                 sampling.command(self.supervisor.down());
                 if result.is_ok() && matches!(request, Request::Clear) {
                     // If records are being sent, all of them are sent first.

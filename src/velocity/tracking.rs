@@ -113,7 +113,7 @@ impl TrackingLoop {
 
     /// Delay of a slow motion, in samples.
     pub fn delay_samples(&self) -> f64 {
-        // The difference has a delay of 1/2, and each pole p / (1 - p).
+        // The difference delays by 1/2 sample, and each pole p by p / (1 - p).
         0.5 + (self.kp - self.ki) / self.ki - self.lead
     }
 

@@ -21,7 +21,7 @@ use crate::{
     },
 };
 
-/// Areas in the tables for people are divided by this number, so their unit is 10^6 N^2 s/m^2.
+/// Divisor of the areas in the tables for people. So their unit is 10^6 N^2 s/m^2.
 const MILLION: f64 = 1e6;
 /// Cells that give the limit, estimator and cutoff of a row. A row without a cutoff is for the true velocity.
 pub(super) fn limit_cells(limit: Limit, cutoff_hz: Option<f64>) -> [(&'static str, Cell); 4] {

@@ -21,7 +21,7 @@ use crate::{
     },
 };
 
-/// For each of these shares of the draws there is a contour: the walls that are stable in at least this share.
+/// Shares of the draws that have a contour: the walls that are stable in at least this share.
 const SHARES: [f64; 3] = [0.05, 0.5, 0.95];
 
 /// The confidence interval of the area in the worst 5 % of the draws, as text for people.

@@ -1,5 +1,5 @@
 //! A second implementation of the statements of docs/estimators.md. Sums of differences follow from their weights. The
-//! other estimators follow from the equations at the beginning of the sections.
+//! other estimators follow from the equations at the beginning of that page's sections.
 
 use std::f64::consts::{PI, SQRT_2};
 

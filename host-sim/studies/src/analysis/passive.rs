@@ -86,7 +86,7 @@ pub struct Hits {
     /// Number of walls that have given more energy than the reserve allows.
     #[serde(rename = "walls_beyond_reserve")]
     pub beyond: usize,
-    /// The controller has changed this fraction of the outputs in contact.
+    /// Fraction of the outputs in contact that the controller has changed.
     pub limited_fraction: f64,
     /// The force that the controller withholds, as a fraction of the wall's force.
     pub withheld_fraction: f64,

@@ -41,8 +41,8 @@ const GRIDS: usize = 8;
 const AIM: [f64; 2] = [48.0, 32.0];
 /// Largest factor by which the next grid is finer. A boundary with few steps gives little information about its size.
 const FINER: f64 = 8.0;
-/// If a grid has no stable wall, single walls are tried. They have this number of values of K and of B. The first
-/// values are the largest that the walk allows.
+/// Number of values of K and of B of the single walls that are tried if a grid has no stable wall. The first values are
+/// the largest that the walk allows.
 const TRIED: [u32; 2] = [17, 13];
 /// Ratio of a tried value of K or B to the value before it, see [`TRIED`].
 const APART: f64 = 0.562;

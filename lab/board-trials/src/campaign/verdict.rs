@@ -123,8 +123,8 @@ const SAME: f64 = 0.01;
 const SMALL: f64 = 0.05;
 /// Longest time of a difference above [`SMALL`] that is still treated as bounded, in s.
 pub(super) const SHORT_S: f64 = 2e-3;
-/// A force is too old if it is kept longer than the output period plus this number of samples. One sample is for the
-/// simulation in whole samples, the other for the time of `render`.
+/// Number of samples by which a force may be kept longer than the output period. After that the force is too old. One
+/// sample is for the simulation in whole samples, the other for the time of `render`.
 const OLD: u64 = 2;
 const LET_GO_M: f64 = 5e-3;
 const SAMPLE_S: f64 = 1e-4;

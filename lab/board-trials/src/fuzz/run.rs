@@ -31,7 +31,7 @@ impl From<Ended> for End {
     }
 }
 
-/// Within this number of samples after the last answer, the library must have sent the same as the image.
+/// Number of samples after the last answer within which the library must have sent the same as the image.
 const LATE: u64 = 400;
 /// Number of cycles within which a low supply must disable the amplifier. It is 60 us (docs/faults.md).
 const DETECTED: u64 = 10_000;

@@ -52,13 +52,13 @@ impl Budget {
 
 /// Largest number of walks for one tried tuning of a search.
 pub const WALKS_OF_A_TRY: u32 = 2;
-/// A search with two parameters may try this many times the tunings of a search with one parameter.
+/// Number of tunings that a search with two parameters may try, divided by the number for one parameter.
 pub const OF_TWO: u32 = 4;
 /// The share of the tunings that the evenly spaced first step uses, as numerator and denominator. The first fraction is
 /// for one axis, the second is for two.
 const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
-/// Number of lines of the first grid along the second axis. The axis is divided into this many equal parts, and each
-/// line is in the middle of a part.
+/// Number of lines of the first grid along the second axis. Each line is in the middle of one of `LINES` equal parts of
+/// the axis.
 const LINES: u32 = 3;
 /// Smallest gain of area with which a neighbour counts as better, as a share.
 pub const GAIN: f64 = 0.002;
@@ -66,8 +66,8 @@ pub const GAIN: f64 = 0.002;
 pub const LAST_STEP: f64 = 1.03;
 /// Smallest step on any axis, as a share of the axis.
 const LEAST_STEP: f64 = 1e-4;
-/// A wrong tuning has a bandwidth that is too large or too small by this factor. The loss of area at this tuning shows
-/// how critical the tuning is.
+/// Factor by which the bandwidth of a wrong tuning is too large or too small. The loss of area at this tuning shows how
+/// critical the tuning is.
 pub const WRONG_BY: f64 = 1.2;
 /// Relative error of the mass in a wrong model. Both a larger and a smaller mass are tried.
 pub const MASS_WRONG_BY: f64 = 0.2;

@@ -62,7 +62,7 @@ const CHOSEN: usize = 8;
 /// The result also has the best filters below these caps on the gain peak, in dB. Only caps below the requested cap are
 /// used.
 const FRONT_DB: [f64; 6] = [12.0, 9.0, 6.0, 4.5, 3.0, 1.5];
-/// A mistuned filter has a frequency or a damping that is too large or too small by this factor.
+/// Factor by which the frequency or the damping of a mistuned filter is too large or too small.
 pub const MISTUNED_BY: f64 = 1.2;
 
 /// The circumstances for which a filter is designed: the push, the hand and the limit.

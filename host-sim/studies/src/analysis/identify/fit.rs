@@ -33,9 +33,10 @@ const PATIENCE: usize = 50;
 /// Like [`PATIENCE`], for a fit with further terms. It is lower, because such searches fail often and each evaluation
 /// takes longer.
 const PATIENCE_OF_TERMS: usize = 8;
-/// A search with derivatives by differences ends when the sum of squares or the values change by less than this share.
+/// Change of the sum of squares and of the values below which a search with derivatives by differences ends, as a
+/// share.
 const TOLERANCE: f64 = 1e-10;
-/// This value replaces a model value that is not finite. The solver then takes a shorter step.
+/// Replaces a model value that is not finite. The solver then takes a shorter step.
 const FAR: f64 = 1e100;
 
 /// Change of a parameter for a derivative by differences, as a share of its resolution.
@@ -51,8 +52,8 @@ const SECANT_SAME: f64 = 0.02;
 /// Largest number of Gauss-Newton steps, and of halvings of one step.
 const POLISHES: usize = 20;
 const HALVINGS: i32 = 6;
-/// A step is useful if it reduces the sum of squares by at least this share of the mean square. [`PROFILED`] is this
-/// share for a fit with one fixed value.
+/// Smallest reduction of the sum of squares by a useful step, as a share of the mean square. [`PROFILED`] is this share
+/// for a fit with one fixed value.
 const POLISHED: f64 = 1e-2;
 const PROFILED: f64 = 0.1;
 

@@ -28,8 +28,8 @@ const SEARCH: usize = 60;
 
 /// Number of possible lengths of a stretch: a step, half a step, a quarter and so on.
 const LEVELS: usize = 7;
-/// Over a stretch, the speed may change by at most this share of the Stribeck speed. The handle may move by at most
-/// this angle of the cogging, in rad.
+/// Largest change of the speed over a stretch, as a share of the Stribeck speed. It is also the largest motion over a
+/// stretch, as an angle of the cogging in rad.
 const STRETCH: f64 = 0.25;
 /// Speed above which friction equals Coulomb friction, as a multiple of the Stribeck speed.
 const SLOW: f64 = 3.5;

@@ -33,7 +33,7 @@ const LAG_STARTS: [f64; 2] = [0.5, 3.0];
 const FALLS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const RISE: f64 = 0.2;
 const FAST_ROWS: usize = 8;
-/// A model with a curve should leave at most this share of the sum of squares, because a curve also follows other
+/// Largest share of the sum of squares that a model with a curve should leave, because a curve also follows other
 /// missing effects. A curve that leaves more is only accepted if the model with this curve explains the residual.
 const CURVE_LEAVES: f64 = 0.25;
 /// Amplitude of a force that is tried, as a share of the largest command.
@@ -46,14 +46,14 @@ const PROFILE_FROM: f64 = 1.0;
 const PROFILE_STEPS: usize = 10;
 /// Number of starts from which a fit is made.
 const STARTS_TAKEN: usize = 3;
-/// The missing force is computed with one stride and with twice the stride. This is the limit for the ratio of the
-/// second force to the first. If position noise makes the force, the ratio is 1/4. For a white force it is the root of
-/// 1/2. The limit is between these two ratios.
+/// Limit for the ratio of two missing forces. The second force is computed with twice the stride of the first. If
+/// position noise makes the force, the ratio is 1/4. For a white force it is the root of 1/2. The limit is between
+/// these two ratios.
 const STILL_NOISE: f64 = 0.5;
 /// Smallest number of rows of the shortest record, divided by the rows of the longest stride.
 const STRIDES: usize = 20;
-/// The estimates are compared with the estimates of two other strides. One stride is shorter and one is longer, by this
-/// factor.
+/// The estimates are also computed with a stride that is shorter by the factor `ASIDE`, and with a longer one. Then the
+/// estimates are compared.
 const ASIDE: usize = 4;
 /// Largest friction after a step of the search, as a share of the largest force.
 const FRICTION_MOST: f64 = 0.5;
@@ -399,7 +399,7 @@ impl Search<'_> {
         {
             model = twice;
         }
-        // With an encoder error that is steeper than this, the reading would fall while the position rises.
+        // With a steeper encoder error, the reading would fall while the position rises.
         let [first, second, _, cycle] = model.estimates.phase?;
         let is_encoder = TAU * (first.value + 2.0 * second.value.abs()) < cycle.value;
         (is_encoder && model.squares() < before.squares()).then_some(model)
