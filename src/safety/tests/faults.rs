@@ -27,7 +27,7 @@ fn a_count_jump_is_off_with_the_same_sample() {
     bench.offset = bench.offset.wrapping_add(600);
     let step = bench.sample();
     assert!(step.report.present.contains(Fault::CountJump) && bench.output.is_none());
-    // The task `sample` alone keeps it off, whatever `render` writes meanwhile.
+    // The task `sample` alone keeps the output off, whatever `render` writes meanwhile.
     for _ in 0..50 {
         let step = bench.sample();
         assert!(step.cut || step.due);

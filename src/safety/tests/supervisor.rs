@@ -115,7 +115,6 @@ fn a_fault_of_the_guard_is_named_after_what_it_found_first() {
     assert_eq!((record.fault, record.causes), (Fault::OverSpeed, causes));
 }
 
-/// The ends of the travel are inside it.
 #[test]
 fn beyond_travel_is_beyond_its_ends() {
     for (counts, beyond) in [(200_000, false), (200_001, true), (-100_000, false), (-100_001, true)]
