@@ -244,7 +244,7 @@ impl<W: Width> GuardedSampler<W> {
     }
 
     /// Handles a due sample that is not quiet, unless every sample is due. Returns the faults for the report of this
-    /// sample. Because of them the requested output is off. If this output does not come, the next sample switches off.
+    /// sample. These faults keep the requested output off. If this output does not come, the next sample switches off.
     #[inline(always)]
     pub fn defer(&mut self, found: FaultSet, down: &GuardCommand) -> FaultSet {
         let waiting = self.waiting.union(found);

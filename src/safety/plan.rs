@@ -144,7 +144,7 @@ impl SafetySettings {
             ),
             sign_counts: self.sign_test_counts.cast_signed(),
             samples: Samples {
-                // At most 1 count.
+                // The cast saturates, so `yields` is at most 1 count.
                 yields: libm::ldexp(yields, HEAVIEST_BITS.cast_signed()) as u32,
                 slows: libm::ldexp(slows, HEAVIEST_BITS.cast_signed()) as u32,
                 ms: design.samples_per_ms(),
