@@ -1,7 +1,7 @@
 //! Tells the program what it was built from: version, commit, toolchain, target.
 //!
-//! The commit is that of a release build, as `cargo sim` makes. A debug build, as tests have, leaves it out: it would
-//! have to be built anew after every commit and every change of the firmware.
+//! Only a release build, as `cargo sim` makes, has the commit. A debug build, as for tests, has none. Otherwise it
+//! would be built again after every commit and every change of the firmware.
 
 use std::{env, process::Command};
 
@@ -42,7 +42,7 @@ fn built_from() -> [String; 2] {
         }
     }
     let commit = git(&["rev-parse", "HEAD"]).unwrap_or_else(|| "unknown".into());
-    // Without optional locks: else a fresh clone's index is written, which nobody asked for.
+    // Without `--no-optional-locks` git would write the index of a fresh clone.
     let dirty = match git(&["--no-optional-locks", "status", "--porcelain", "--untracked-files=no"])
     {
         Some(changes) => (!changes.is_empty()).to_string(),

@@ -216,10 +216,10 @@ pub trait Encoder {
 /// The clock of the control loop. It requests an interrupt at [`RATE_HZ`], at equal intervals. It stands still while a
 /// debugger has the core halted.
 pub trait SampleTimer {
-    /// Runs from now on; the first sample comes one period later.
+    /// Starts the samples. The first sample comes one period later.
     fn start();
 
-    /// Whether more than two fifths of a sample's time have passed since its beginning. With an output at every sample,
+    /// Whether more than two fifths of a sample's time have passed since its beginning. If every sample has an output,
     /// such an output then has time only for its necessary work. The task `render` calls it.
     fn is_late() -> bool;
 
@@ -267,7 +267,7 @@ pub trait Supply {
     /// The interrupt's handler: switches the force off and notes that the supply was low.
     fn has_dropped();
 
-    /// Whether the supply is too low to write flash, or was so since the last call. Called by `render`.
+    /// Whether the supply is too low to write flash, or was too low since the last call. Called by `render`.
     fn is_low(&mut self) -> bool;
 }
 
@@ -306,8 +306,8 @@ pub trait ReadBack {
     /// be read back.
     const SWING: Option<[i32; 2]>;
 
-    /// Begins to read the force output. Called by `render` at the beginning of each output, so the reading belongs to
-    /// the last output, not to the code that is written some microseconds later.
+    /// Begins to read the force output. `render` calls it at the beginning of each output, some microseconds before it
+    /// writes the new code. So the reading belongs to the last output.
     fn begin(&mut self);
 
     /// Returns the readings that [`begin`](Self::begin) started. The task `render` calls it in the same output, after

@@ -208,7 +208,6 @@ impl<W: Width> Sampler<W> {
     }
 }
 
-/// Low 32 bits of a sample's number.
 #[inline(always)]
 const fn low(sample: u64) -> u32 {
     #[expect(clippy::cast_possible_truncation, reason = "the low half is meant")]
@@ -343,7 +342,7 @@ mod tests {
         }
     }
 
-    /// There is no contact at the surface itself. The wall defines it in the same way.
+    /// There is no contact at the surface itself. The code of the wall has the same definition.
     #[test]
     fn contact_begins_one_count_behind_the_surface() {
         let control = control(VelocitySettings::Difference {});

@@ -1,4 +1,4 @@
-//! The fixed data of a device. Conversion of SI units to counts, samples and fractions of full scale.
+//! The fixed data of a device, and the conversion of SI units to counts, samples and fractions of full scale.
 
 use crate::{
     actuator::{Actuator, Output},
@@ -11,7 +11,7 @@ use crate::{
 pub struct Design {
     /// Encoder samples per second, in Hz.
     pub rate_hz: f64,
-    /// Encoder resolution, m per count.
+    /// Encoder resolution, in m per count.
     pub resolution_m: f64,
     /// Force at full command, in N.
     pub full_scale_n: f64,
@@ -39,13 +39,13 @@ impl Design {
         f64::from(self.period) / self.rate_hz
     }
 
-    /// Samples in a millisecond, rounded up, 1 to 50.
+    /// Number of samples in a millisecond, rounded up. It is 1 to 50.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 50")]
     pub(crate) fn samples_per_ms(&self) -> u32 {
         libm::ceil(self.rate_hz / 1000.0) as u32
     }
 
-    /// Outputs per millisecond, at least 1. Work that has to run at 1 kHz at most runs only once in this number of
+    /// Outputs per millisecond, at least 1. Work that must not run more often than at 1 kHz runs once in this number of
     /// outputs.
     pub(crate) fn outputs_per_ms(&self) -> u32 {
         (self.samples_per_ms() / self.period.max(1)).max(1)

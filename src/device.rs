@@ -86,7 +86,7 @@ pub enum Unfit {
     Sense(EstimatorName, Sense),
     /// The estimator leaves no time for the output period.
     TooSlow(TooSlow),
-    /// The board does not have this output period, samples.
+    /// The board does not have this output period, in samples.
     Period(f64),
 }
 
@@ -116,7 +116,7 @@ impl Device<'_> {
     pub const LATENCY_MAX_SAMPLES: f64 = 5000.0;
     /// Farthest end of the travel from zero, in m. A handle may turn several times.
     pub const TRAVEL_MAX_M: f64 = 10.0;
-    /// Highest believable speed that a record may have, m/s.
+    /// Highest believable speed that a record may have, in m/s.
     pub const SPEED_MAX_M_PER_S: f64 = 100.0;
     /// Allowed values for the mass of the heaviest handle, in kg. The upper end stands for an unknown mass.
     pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-4..=1e6;
@@ -343,8 +343,8 @@ impl Device<'_> {
         let design = self.designs.number_of(velocity);
         Key {
             estimator: velocity.name(),
-            // A table of the envelope is valid either for a design, or for an estimator whose further parameters have
-            // their defaults. About other values nothing is known, so the key gets a cutoff that equals none.
+            // A table of the envelope is valid for a design, or for an estimator whose further parameters have their
+            // defaults. About other values nothing is known. So the key gets NaN as its cutoff, which equals no cutoff.
             cutoff_hz: match design > 0 || velocity.differs_by_tuning_only() {
                 false => f64::NAN,
                 true => velocity.tuning().map_or(0.0, |(_, value)| value),

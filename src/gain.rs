@@ -14,13 +14,13 @@ pub struct Gain {
 impl Gain {
     /// Largest magnitude that [`apply`](Self::apply) returns. The sum of two such products does not overflow.
     pub const PRODUCT_LIMIT: i64 = 1 << 61;
-    /// A right shift by more than this would lose the mantissa's normalisation.
+    /// Largest right shift. A larger one would lose the mantissa's normalisation.
     const SHIFT_MAX: i32 = 62;
-    /// A left shift by more than this leaves no room for a mantissa.
+    /// Largest left shift, with a negative sign. A larger one leaves no room for a mantissa.
     const SHIFT_MIN: i32 = -23;
 
-    /// The nearest gain to `value` (relative error at most 2^-31), or `None` if `value` is
-    /// negative, not finite or outside 2^-32 .. 2^54. Zero is exact.
+    /// Returns the gain nearest to `value`, with a relative error of at most 2^-31. Zero is exact. Returns `None` if
+    /// `value` is negative, not finite or outside 2^-32 .. 2^54.
     #[expect(clippy::float_arithmetic, reason = "design time: settings to coefficients")]
     pub fn from_f64(value: f64) -> Option<Self> {
         if value == 0.0 {

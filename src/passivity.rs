@@ -45,7 +45,7 @@ use crate::{
 /// Settings of the controller, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PassivitySettings {
-    /// Largest acceleration of the handle, m/s^2, by motor, hand and wall together.
+    /// Largest acceleration of the handle by motor, hand and wall together, in m/s^2.
     pub acceleration_m_per_s2: f64,
     /// Time from a sample to the force of its output, in samples. It is at least 0 and at most the period.
     pub latency: u32,
@@ -93,7 +93,7 @@ const LEAST_M_PER_S2: f64 = 1e-6;
 /// The controller in counts. Made by [`PassivitySettings::build`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Passivity {
-    /// Largest acceleration, counts per sample^2, rounded up, with 32 binary places.
+    /// Largest acceleration, in counts per sample^2. It is rounded up, and has 32 binary places.
     acceleration: u64,
     latency: u32,
     period: NonZeroU32,
@@ -137,7 +137,7 @@ pub struct PassiveWall {
     port: PortEnergy,
     /// Position at the last output.
     last: Position,
-    /// Energy that the contact has given beyond the reserve, LSB of force times counts.
+    /// Energy that the contact has given beyond the reserve, in LSB of force times counts.
     forgiven: i64,
     /// The wall's force that does not act yet, and whether its output was in contact. The force acts when `wait`, a
     /// number of samples, reaches 0.
@@ -251,9 +251,9 @@ impl PassiveWall {
     }
 }
 
-/// An account below 2^-`SPENT` of the reserve counts as spent. It is then treated as if it had this much, and an output
-/// gives at most half of it. Without this rule, a wall with an exactly spent account would give no force for the rest
-/// of the contact.
+/// An account below 2^-`SPENT` of the reserve counts as spent. It is then treated as 2^-`SPENT` of the reserve, and an
+/// output gives at most half of this. Without this rule, a wall with an exactly spent account would give no force for
+/// the rest of the contact.
 pub const SPENT: u32 = 20;
 
 /// The largest motion that is used, in counts. With it, products with two full scales stay below 2^62.

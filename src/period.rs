@@ -31,9 +31,9 @@ const RENDER: u32 = 3_600;
 /// are not included.
 const MASK: u32 = 8_600;
 
-/// Number of core cycles that an estimator's longest update may take. It is (`between` / `period`) - [`GUARD`].
-/// `between` are the cycles between two outputs, less a fifth for wait states, and less a `render` that the logger has
-/// delayed.
+/// Number of core cycles that an estimator's longest update may take. It is `between / period - GUARD`, see [`GUARD`].
+/// `between` is the number of cycles between two outputs. A fifth of them is subtracted for wait states. The cycles of
+/// a `render` that the logger has delayed are subtracted too.
 pub const fn cycles_allowed(period: u32) -> u32 {
     let between = period.saturating_mul(SAMPLE / 5 * 4).saturating_sub(MASK + RENDER);
     match between.checked_div(period) {
@@ -60,7 +60,7 @@ pub struct TooSlow {
     pub estimator: EstimatorName,
     /// Cycles of its longest update.
     pub cycles: u32,
-    /// Output period that is too short, samples.
+    /// Output period that is too short, in samples.
     pub period: u32,
 }
 

@@ -25,15 +25,13 @@ use crate::units::Position;
 /// The energy account of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortEnergy {
-    /// The wall's force that acts at present, in LSB of force.
     wall: i64,
-    /// Whether the output of this force was in contact.
     contact: bool,
     /// Position up to which the motion is in the account.
     at: Position,
     /// Energy of this contact, in LSB of force times counts.
     energy: i64,
-    /// The largest energy that any contact has given in excess of what it had taken, in LSB of force times counts.
+    /// The largest net energy that the wall had given at any time of any contact, in LSB of force times counts.
     given: i64,
 }
 
@@ -87,7 +85,7 @@ impl PortEnergy {
         self.contact
     }
 
-    /// Both energies, for reports.
+    /// The values of [`energy`](Self::energy) and [`given`](Self::given), for reports.
     #[inline]
     pub const fn exchanged(&self) -> Exchanged {
         Exchanged { energy: self.energy, given: self.given }
@@ -137,7 +135,8 @@ mod tests {
     #[test]
     fn a_spring_gives_back_what_it_took_and_a_late_one_more() {
         let mut port = PortEnergy::new(at(0));
-        // The handle moves in by steps of ten counts, and out again. The force of each step is that of its beginning.
+        // The handle moves in by steps of ten counts, and out again. In each step the force is the force at the
+        // beginning of the step.
         for place in (0..100).step_by(10).chain((0..=100).rev().step_by(10)) {
             port.acts(i64::from(place) * 1000, true, at(place));
         }

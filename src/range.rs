@@ -3,13 +3,13 @@
 
 use core::{fmt, ops::RangeInclusive};
 
-/// Accepted ranges, SI units. The simulator checks its scenes with the same ranges.
+/// Accepted ranges, in SI units. The simulator checks its scenes with the same ranges.
 pub mod limits {
     use core::ops::RangeInclusive;
 
     /// Rate of the samples, in Hz.
     pub const RATE_HZ: RangeInclusive<f64> = 1e3..=5e4;
-    /// Encoder resolution, m per count.
+    /// Encoder resolution, in m per count.
     pub const RESOLUTION_M: RangeInclusive<f64> = 1e-8..=1e-3;
     /// Force at full command, in N.
     pub const FULL_SCALE_N: RangeInclusive<f64> = 1e-3..=1e5;
@@ -53,7 +53,7 @@ pub fn ends(range: &RangeInclusive<f64>) -> [f64; 2] {
     })
 }
 
-/// `value` rounded to nine digits, so that a product like 3.5e-5 * 1000 is printed as 0.035.
+/// Rounds `value` to nine digits, so that a product like 3.5e-5 * 1000 is printed as 0.035.
 pub fn shorten(value: f64) -> f64 {
     shortened(value, 0.0)
 }

@@ -167,7 +167,7 @@ impl Force {
         Self(Q32::from_bits(bits.clamp(-limit, limit)))
     }
 
-    /// LSB of 2^-30 of full scale.
+    /// The force in LSB of 2^-30 of full scale.
     #[inline]
     pub fn bits(self) -> i32 {
         self.0.into_bits()
@@ -178,7 +178,7 @@ impl Force {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Demand {
     bits: i64,
-    /// Whether the requested force was beyond even this range.
+    /// Whether the magnitude of `bits` is less than was requested.
     clipped: bool,
 }
 
@@ -199,7 +199,7 @@ impl Demand {
         Self { clipped: self.clipped || clipped, ..self }
     }
 
-    /// LSB of 2^-30 of full scale.
+    /// The demand in LSB of 2^-30 of full scale.
     #[inline]
     pub const fn bits(self) -> i64 {
         self.bits

@@ -11,9 +11,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wall {
     pub(crate) surface: Position,
-    /// Force LSB per count of penetration.
     pub(crate) stiffness: Gain,
-    /// Force LSB per LSB of velocity.
     pub(crate) damping: Gain,
     pub(crate) push_only: bool,
 }

@@ -34,7 +34,7 @@ const LOOK: Duration = Duration::from_millis(1);
 /// Longest time to wait for a reply. `SAVED` is for the reply to `save`, because that command erases flash.
 const REPLY: Duration = Duration::from_millis(500);
 const SAVED: Duration = Duration::from_secs(3);
-/// If the board gets no `alive` for this time, it switches the force off. In ms. `WORD` is the time between two `alive`
+/// Time in ms without `alive` after which the board switches the force off. `WORD` is the time between two `alive`
 /// commands.
 const PROMISE_MS: u32 = 200;
 const WORD: Duration = Duration::from_millis(50);
@@ -219,7 +219,7 @@ impl Hub {
         }
     }
 
-    /// What the display shows of a virtual board's device: its present state.
+    /// Present state of a virtual board's device, for the display.
     pub fn seen(&self) -> Option<Seen> {
         self.board.as_ref().map(|board| board.seen())
     }
@@ -247,7 +247,7 @@ impl Hub {
 struct Pending {
     line: String,
     /// How the expected reply begins. `None` if any reply is accepted. Only questions of this program have a known
-    /// beginning. It ensures that the reply to an earlier command is not taken for the reply to a question.
+    /// beginning. With it, the reply to an earlier command is not taken for the reply to a question.
     begins: Option<String>,
     /// Whether the reply is shown to a person.
     loud: bool,
@@ -267,7 +267,6 @@ impl Pending {
     }
 }
 
-/// The communication with a board.
 pub struct Talk {
     hub: Arc<Hub>,
     link: Box<dyn Link>,

@@ -21,7 +21,7 @@ use crate::{
 
 /// Time between two calls of [`Page::tick`].
 pub const TICK: Duration = Duration::from_millis(30);
-/// In a triggered view, this fraction is before the trigger.
+/// Part of a triggered view that is before the trigger.
 const BEFORE: f64 = 0.25;
 
 pub struct Shared {
@@ -326,7 +326,7 @@ impl Page {
     }
 }
 
-/// What to do about a fault. The text is the last column of the fault's row in docs/faults.md.
+/// What to do about a fault. The text is the last column of the fault's row in docs/troubleshooting.md.
 fn remedy(code: u8) -> &'static str {
     const PAGE: &str = include_str!("../../docs/troubleshooting.md");
     let is_its = |line: &&str| {

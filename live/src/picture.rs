@@ -19,7 +19,7 @@ use crate::{
     spectrum,
 };
 
-/// A spectrum uses this number of rows. A phase plane uses `PHASE_ROWS` rows.
+/// Number of rows in a spectrum. `PHASE_ROWS` is the number of rows in a phase plane.
 const SPECTRUM_ROWS: u16 = 8192;
 const PHASE_ROWS: u64 = 2048;
 const BANDS: u32 = 240;
@@ -29,9 +29,7 @@ const BANDS: u32 = 240;
 pub struct Scale {
     /// One LSB of position, velocity and force, in m, m/s and N.
     pub lsb: [f64; SIGNALS],
-    /// Samples per second in Hz.
     pub rate_hz: f64,
-    /// Length of a count in m.
     pub resolution_m: f64,
     /// Force at full command in N.
     pub full_scale_n: f64,

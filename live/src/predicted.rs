@@ -24,11 +24,11 @@ pub struct Predicted {
     pub cutoff_hz: f64,
     /// The points of the boundary. Each is B in N s/m and K in N/m.
     pub points: Vec<[f64; 2]>,
-    /// Area under the boundary, N^2 s/m^2.
+    /// Area under the boundary, in N^2 s/m^2.
     pub area: f64,
     /// Boundary of the quiet walls, whatever criterion the scene has. Empty if the grid has no quiet wall.
     pub quiet: Vec<[f64; 2]>,
-    /// Area under the quiet boundary, N^2 s/m^2.
+    /// Area under the quiet boundary, in N^2 s/m^2.
     pub quiet_area: f64,
     /// The rows of the board's envelope. Each row is B, lowest K and highest K.
     pub envelope: Vec<[f64; 3]>,

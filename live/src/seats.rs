@@ -3,10 +3,9 @@
 
 use std::time::Duration;
 
-/// If the owner's page does not answer for this time, the force is switched off.
+/// Time without an answer from the owner's page after which the force is switched off.
 pub const ABSENT: Duration = Duration::from_secs(1);
-/// If a page does not answer for this time, it is treated as closed and loses control, even if its socket is still
-/// open.
+/// Time without an answer after which a page is treated as closed and loses control, even if its socket is still open.
 pub const GONE: Duration = Duration::from_secs(2);
 
 #[derive(Debug, Default)]

@@ -19,7 +19,7 @@ pub enum Trigger {
         signal: usize,
         /// The level as an integer of the control loop.
         level: i32,
-        /// Whether the signal must cross the level upwards. Otherwise it must cross it downwards.
+        /// Whether the signal must rise through the level. If false, the signal must fall through the level.
         rising: bool,
     },
 }

@@ -44,7 +44,6 @@ fn budget_of(tunings: u32, repeats: u32, fewest_repeats: u32) -> PyResult<Budget
     Ok(Budget { tunings, repeats })
 }
 
-/// The criterion that ranks walls.
 fn criterion_of(name: &str) -> PyResult<Criterion> {
     named("criterion", name, Criterion::ALL, Criterion::name)
 }

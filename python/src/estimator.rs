@@ -71,7 +71,7 @@ pub struct Estimator {
     state: Option<(CounterWidth, Sampler)>,
 }
 
-/// After this number of counts, the interpreter's signals are checked. A block of this size takes some milliseconds.
+/// Number of counts after which the interpreter's signals are checked. A block of this size takes some milliseconds.
 const BLOCK: usize = 1 << 16;
 const NAMES: Names =
     Names { cutoff: "cutoff", stiffness: "", damping: "", start_offset: "start_offset" };

@@ -331,12 +331,10 @@ impl<T: Number> Array<T> {
         Self(values.into_pyarray(py).to_dyn().clone().unbind())
     }
 
-    /// An array of these values with this shape.
     pub fn shaped(py: Python<'_>, values: Vec<T>, shape: &[usize]) -> PyResult<Self> {
         Self::of(values.into_pyarray(py).reshape(shape)?)
     }
 
-    /// The array as a Python object.
     pub fn bound<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
         self.0.bind(py).clone().into_any()
     }

@@ -1,4 +1,4 @@
-//! Scenes.
+//! The Python class `Scene`.
 
 use std::{
     hash::{DefaultHasher, Hash as _, Hasher as _},

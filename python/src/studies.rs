@@ -72,7 +72,6 @@ pub fn in_range(name: &str, value: u32, range: RangeInclusive<u32>) -> PyResult<
     within(name, f64::from(value), range).map_err(PyValueError::new_err)
 }
 
-/// Refuses an empty list.
 pub fn not_empty<T>(name: &str, list: &[T]) -> PyResult<()> {
     match list {
         [] => Err(PyValueError::new_err(format!("{name} is empty"))),

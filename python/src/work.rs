@@ -34,7 +34,6 @@ pub struct Course {
 }
 
 impl Course {
-    /// Adds to the number of finished pieces.
     pub fn add(&self, pieces: u64) {
         self.done.fetch_add(pieces, Relaxed);
     }

@@ -1,4 +1,4 @@
-//! One line to one command.
+//! Parses a line into a command.
 
 use core::fmt;
 
@@ -44,9 +44,9 @@ pub enum Command {
     Estimator(EstimatorName),
     /// Say which designs the device has.
     Designs,
-    /// The estimator of that design, with all of its parameters.
+    /// Use the estimator and all parameters of the design with this name.
     Design(Name),
-    /// Output period, a number of samples.
+    /// Output period, in samples.
     Period(f64),
     /// The force with which the experiments push, in N. The command itself moves nothing.
     Push(f64),
@@ -72,13 +72,13 @@ pub enum Command {
     Clear,
     /// Hold a constant force for calibration, in percent of full scale.
     Calibrate(f64),
-    /// The force at full command, N, from a calibration.
+    /// Force at full command, in N. A calibration measures it.
     FullScale(f64),
     /// Start of hits, in m.
     Start(f64),
-    /// Time before a hit is judged, s.
+    /// Time before a hit is judged, in s.
     Settle(f64),
-    /// Time over which a hit is judged, s.
+    /// Time over which a hit is judged, in s.
     Window(f64),
     /// Limit of a stable hit's RMS, in m.
     RmsLimit(f64),

@@ -193,8 +193,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Changes a setting that both the loop and the experiments use. The tuple has the setting's name, its value and
-    /// its unit.
+    /// Changes a setting that both the loop and the experiments use.
     fn adapt(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
         match self.device.experiment(&stored) {
             Ok(_) => self.propose(stored, ChangedSetting::Value(name, value, unit)),
@@ -202,7 +201,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Changes a setting that only the next experiment uses. The tuple has the setting's name, its value and its unit.
+    /// Changes a setting that only the next experiment uses.
     fn keep(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
         self.keep_as(stored, Reply::Value(name, value, unit));
     }
@@ -222,7 +221,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Changes a setting of the loop. The tuple has the setting's name, its value and its unit.
+    /// Changes a setting of the loop.
     fn change(
         &mut self,
         (name, value, unit): (&'static str, f64, &'static str),

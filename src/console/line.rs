@@ -33,7 +33,7 @@ impl<const N: usize> LineReader<N> {
         Self { bytes: [0; N], len: 0, too_long: false, done: false }
     }
 
-    /// Takes one byte. Returns the line that this byte ends, if it ends a line.
+    /// Takes one byte. If this byte ends a line, returns the line.
     pub fn push(&mut self, byte: u8) -> Option<Line<'_>> {
         if self.done {
             *self = Self::new();

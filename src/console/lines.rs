@@ -172,8 +172,8 @@ impl fmt::Display for WalkOver {
     }
 }
 
-/// Prints the force of an output as a part of full scale and as a code. If the second field, the force at full scale,
-/// is known, it also prints the force in N.
+/// Prints the force of an output as a part of full scale and as a code. The second field is the force at full scale. If
+/// it is known, the force is also printed in N.
 struct Output(Record, f64, Spoken);
 
 impl fmt::Display for Output {

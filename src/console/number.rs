@@ -63,8 +63,8 @@ fn decimal(digits: u64, exponent: i32) -> Option<f64> {
     Some(if exponent < 0 { value / power } else { value * power })
 }
 
-/// Rounds `value` to 15 digits, as the simulator rounds a scene's values. If [`POWERS`] does not have the power of ten
-/// that this needs, `value` stays as it is.
+/// Rounds `value` to 15 digits, as the simulator rounds a scene's values. If [`POWERS`] lacks the needed power of ten,
+/// `value` stays unchanged.
 pub(super) fn rounded(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;

@@ -1,11 +1,11 @@
 //! Limits the share of the processor's time that a host can use with its commands. If a host sends more, its bytes wait
 //! in the channel. No byte is refused.
 
-/// The share: lines and their answers use at most 4 / `PARTS` of the time. Telemetry needs further time, at output
-/// period 1 half as much.
+/// The share: lines and their answers use at most 4 / `PARTS` of the time. Telemetry needs further time. At output
+/// period 1 this is half as much.
 const PARTS: u16 = 21;
-/// The longest time, in ticks, that a line waits because of the lines before it. Because of this limit the board still
-/// listens after a bit of `rest` has flipped.
+/// Longest time that a line waits because of the lines before it, in ticks. With this limit the board still reads lines
+/// if a bit of `rest` has flipped.
 const LONGEST: u16 = 1200;
 
 /// Says when the console may take bytes. `begun` is the clock of [`HaltWatch`](crate::safety::HaltWatch) at the
@@ -27,7 +27,7 @@ impl Pace {
         self.rest == 0
     }
 
-    /// Ends a pass that has taken bytes or answered.
+    /// Ends a pass in which bytes were taken or a command was answered.
     pub fn end(&mut self, clock: u16) {
         let spent = clock.wrapping_sub(self.begun).max(1);
         self.rest = self.rest.saturating_add(spent.saturating_mul(PARTS) / 4);

@@ -148,8 +148,8 @@ impl Reply<'_> {
     }
 }
 
-/// The beginning of a reply to `version`: the package's version and this commit. A board that runs and a board that
-/// refuses its image or record use it.
+/// The beginning of a reply to `version`. It has the package's version and this commit. A board that runs uses it, and
+/// also a board that refuses its image or record.
 pub(super) struct Built<'a>(pub &'a str);
 
 impl fmt::Display for Built<'_> {
@@ -166,7 +166,8 @@ fn names(f: &mut fmt::Formatter<'_>, designs: &Designs<'_>) -> fmt::Result {
     designs.iter().try_for_each(|(_, NamedFilter { name, .. })| write!(f, " {}", name.text()))
 }
 
-/// Lists what the envelope has a table for at the output period of `key`: estimators with their cutoffs, and designs.
+/// Lists the estimators, with their cutoffs, and the designs that have a table in the envelope at the output period of
+/// `key`.
 fn known(f: &mut fmt::Formatter<'_>, device: &Device<'_>, key: &Key) -> fmt::Result {
     let mut last = None;
     for key in device.envelope.beside(key) {

@@ -37,7 +37,7 @@ pub struct ReplyChannel {
     /// then.
     lost: u32,
     ignored: u32,
-    /// Passes since the last try to send it.
+    /// Passes since the last try to send the line.
     passes: u8,
 }
 

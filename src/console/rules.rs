@@ -36,7 +36,6 @@ enum Need {
     NoWalk,
     NoFault,
     Fault,
-    /// All causes of the fault are gone.
     CauseGone,
     /// The supply is high enough.
     Supply,
@@ -70,8 +69,9 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::RmsLimit(_)
         | Command::Criterion(_)
         | Command::ForceRmsLimit(_) => &[N::Idle],
-        // With a wrong sign every wall pulls. Another full scale changes every force. After another period, counts of
-        // outputs start again. With another design the hand feels another device.
+        // These commands need the force off. With a wrong sign every wall pulls. Another full scale changes every
+        // force. With another period every number of outputs has another meaning. With another design the hand feels
+        // another device.
         Command::MotorReversed(_)
         | Command::EncoderReversed(_)
         | Command::FullScale(_)

@@ -130,7 +130,6 @@ impl Spoken {
         [Limit::Low(low * factor), Limit::High(high * factor)]
     }
 
-    /// An error text for a number that is not allowed.
     pub(super) fn refusal(self, error: &SettingsError) -> OutOfRange<'_> {
         OutOfRange(error, self)
     }

@@ -68,7 +68,7 @@ const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
 const QUIET: u32 = 8;
-/// In the word of the flags, the lowest bit of the number of designs.
+/// Lowest bit of the number of designs in the word of flags.
 const DESIGNS: u32 = 8;
 
 const NUMBERS: usize = 39 + KEPT;
@@ -88,7 +88,7 @@ pub struct BoardFacts {
     pub output: Output,
     /// Senses that an estimator can use beside the count.
     pub senses: &'static [Sense],
-    /// The time from the reading of the counter to the force, in samples. A record must not have a shorter one.
+    /// Time from the reading of the counter to the force, in samples. The latency of a record must not be shorter.
     pub latency_samples: f64,
 }
 
@@ -173,7 +173,7 @@ pub fn record_in(words: &[u32]) -> &[u32] {
     stated(words).unwrap_or(words)
 }
 
-/// Returns as many of the first words as the second word states, which is the record's length.
+/// Cuts `words` to the length of the record, which is the second word.
 fn stated(words: &[u32]) -> Option<&[u32]> {
     words.get(..usize::try_from(*words.get(1)?).ok()?)
 }
@@ -271,7 +271,7 @@ impl<'a> Device<'a> {
         let count = (flags >> DESIGNS & 0xFF) as usize;
         let (designs, envelope) = Designs::split(count, tables).ok_or(BadRecord::Designs)?;
         let mut numbers = stated.as_chunks::<2>().0.iter();
-        // Returns the next number. They are read in the order of the function `numbers`.
+        // Returns the next number, in the order of the function `numbers`.
         let mut next = || match numbers.next() {
             Some(&[low, high]) => f64::from_bits(u64::from(low) | u64::from(high) << 32),
             None => f64::NAN,
@@ -414,7 +414,7 @@ impl<'a> Device<'a> {
     /// Writes the record of this device to the front of `words`, with these designs and boundaries instead of its own.
     /// K, B and push are left out, because a record has no wall and no push. The hash is left out too.
     ///
-    /// `None` if there is no room.
+    /// Returns `None` if there is no room.
     pub fn to_record<'b>(
         &self,
         designs: &[NamedFilter],

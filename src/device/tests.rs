@@ -230,7 +230,7 @@ fn a_board_starts_with_the_period_that_was_saved_if_there_is_one_and_time_for_it
         assert_eq!(Ok(start.safety), safety);
         assert_eq!(DEVICE.hit_sequence(&start.stored, true).unwrap().look, 320 / in_force);
     }
-    // with an estimator that leaves no time for this period
+    // An estimator that leaves no time for this period makes the settings unusable.
     let slow = EstimatorName::ALL.iter().find(|name| leaves_time(**name, 1).is_err());
     if let Some(&name) = slow {
         let mut saved = Stored { period: 1, ..DEVICE.defaults() };

@@ -5,7 +5,7 @@
 use super::{Duty, DutyPlan, Return, ReturnPlan, ReturnStep};
 use crate::units::{Force, Position};
 
-/// Why a hit sequence ended without a verdict, or a pulse train before its end.
+/// Why a hit sequence ended without a verdict, or why a pulse train ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AbortReason {
     /// The force went off.
@@ -74,7 +74,6 @@ impl Approach {
         }
     }
 
-    /// Whether the motor is cooling down.
     #[cfg(test)]
     pub fn cools(&self) -> bool {
         !self.moves

@@ -60,7 +60,7 @@ impl CalibrationSettings {
     }
 }
 
-/// The longest time of a calibration, in s. It also holds if the force is changed again and again.
+/// The longest time of a calibration, in s, even if the force is changed again and again.
 const LONGEST_S: f64 = 120.0;
 
 /// The calibration in integers.

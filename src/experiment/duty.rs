@@ -32,7 +32,7 @@ const DIFFERENCE: u32 = 30;
 pub struct DutySettings {
     /// Force, in N, that the motor can give for ever. The limit of the heat is (continuous force / full scale)^2.
     pub continuous_force_n: f64,
-    /// Thermal time constant of the winding, s: 1 to 3600.
+    /// Thermal time constant of the winding, in s. It is 1 to 3600.
     pub time_constant_s: f64,
 }
 
@@ -45,7 +45,6 @@ pub struct DutyPlan {
     limit: i64,
     /// Heat at which a hit may begin.
     ready: i64,
-    /// Outputs after which a motor without force is certainly ready.
     patience: u32,
 }
 
@@ -192,8 +191,8 @@ mod tests {
         assert!(duty.per_mille() == 0 && duty.is_ready(&plan));
     }
 
-    /// Compares the model with the weighted mean that it stands for, over the accepted output periods, sample rates and
-    /// time constants.
+    /// Compares the model with the weighted mean that it approximates, over the accepted output periods, sample rates
+    /// and time constants.
     #[test]
     fn no_accepted_design_overflows_or_loses_the_heat() {
         for (rate_hz, period) in [(1e3, 10), (1e3, 1000), (5e4, 1000), (1e4, 10), (5e4, 1)] {
@@ -281,7 +280,7 @@ mod tests {
         ) {
             let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
             let mut duty = Duty::default();
-            // the same in floats: a sum instead of a recursion
+            // the mean square of the force, computed in floats
             let (mut mean, decay) = (0.0, (-1e-3f64 / 30.0).exp());
             let limit = (4.1f64 / 5.906).powi(2);
             for (part, outputs, hold) in hits {

@@ -15,9 +15,9 @@ use crate::{
 pub struct HitSettings {
     /// Constant push of the hit, in N.
     pub push_n: f64,
-    /// Time before the hit is judged, s.
+    /// Time before the hit is judged, in s.
     pub settle_s: f64,
-    /// Time over which the hit is judged, s.
+    /// Time over which the hit is judged, in s.
     pub window_s: f64,
     /// Limit of the RMS, in m. A hit whose RMS is below it is `stable`.
     pub rms_limit_m: f64,
@@ -70,10 +70,10 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// All verdicts that there are.
+    /// All verdicts.
     pub const ALL: [Self; 3] = [Self::Stable, Self::Unstable, Self::NoContact];
 
-    /// Its name for programs, in files and JSON.
+    /// Name of the verdict for programs, in files and JSON.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Stable => "stable",
@@ -82,7 +82,7 @@ impl Verdict {
         }
     }
 
-    /// Its text for people, on the console and in figures.
+    /// Text of the verdict for people, on the console and in figures.
     pub const fn text(self) -> &'static str {
         match self {
             Self::NoContact => "no contact",

@@ -17,7 +17,7 @@ use crate::{
 pub struct HitSequencePlan {
     /// The hit in integer form.
     pub hit: HitPlan,
-    /// The return move before it.
+    /// The return move before the hit.
     pub back: ReturnPlan,
     /// Thermal limits of the motor.
     pub duty: DutyPlan,

@@ -66,8 +66,8 @@ pub enum Order {
     /// New settings, and whether their gains are inside the envelope. Gains outside the envelope are allowed only if
     /// the envelope is unlocked.
     LoopParameters(LoopParameters, Gains),
-    /// The values for a new output period. The loop's parameters for this period follow in the next order. It is
-    /// allowed only with the force off.
+    /// The values for a new output period. The loop's parameters for this period follow in the next order. A new period
+    /// is allowed only with the force off.
     Period(PeriodPlan),
     /// Run a wall hit.
     Hit(HitSequencePlan),
@@ -120,7 +120,7 @@ pub enum Event {
 pub struct Report {
     /// Record of this output.
     pub record: Record,
-    /// Record for telemetry: the same record, or a record of the black box while the black box is sent.
+    /// Record for telemetry. It is `record`, or a record of the black box while the black box is sent.
     pub streamed: Record,
     /// Push of the experiment at this output.
     pub push: Force,

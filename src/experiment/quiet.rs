@@ -28,7 +28,7 @@ impl Criterion {
 
 /// The four pushes of a hit, as shares of the push in the settings. They act one after another.
 pub const PUSHES: [f64; 4] = [0.97, 0.99, 1.0, 1.03];
-/// The largest of these shares.
+/// Largest share in [`PUSHES`].
 pub const PUSH_MAX: f64 = PUSHES[3];
 /// Smallest difference of two forces that people feel, as a share of the force (Weber fraction; Jones, Percept.
 /// Psychophys. 45, 1989). The RMS of the force must be below this share of the push, unless another limit is set.
@@ -63,8 +63,8 @@ pub fn penetration_ratio(spring_n: f64, wall_force_n: f64) -> Option<f64> {
 }
 
 impl QuietWindow {
-    /// Whether the mean penetration equals the wall's force divided by K. A tenth of it, or one count, is allowed as
-    /// error.
+    /// Whether the mean penetration equals the wall's force divided by K. An error of a tenth is allowed, or of one
+    /// count if that is more.
     pub fn stands(&self) -> bool {
         let off = STANDS.max(self.count_n / libm::fabs(self.wall_force_n));
         self.penetration_ratio.is_some_and(|ratio| libm::fabs(ratio - 1.0) <= off)

@@ -41,9 +41,9 @@ const FRACTION: u32 = 16;
 pub struct ReturnSettings {
     /// Start of a hit, in m.
     pub start_m: f64,
-    /// Speed of the reference, m/s: 0.001 to 1.
+    /// Speed of the reference, in m/s. It is 0.001 to 1.
     pub speed_m_per_s: f64,
-    /// Largest force, N: up to half of full scale.
+    /// Largest force, in N. It is at most half of full scale.
     pub force_n: f64,
     /// Stiffness of the soft spring, in N/m.
     pub stiffness_n_per_m: f64,
@@ -53,7 +53,7 @@ pub struct ReturnSettings {
     pub integral_n_per_m_s: f64,
     /// Largest distance from the start that counts as arrived, in m.
     pub tolerance_m: f64,
-    /// Longest time of the return, s: 0.1 to 60.
+    /// Longest time of the return, in s. It is 0.1 to 60.
     pub timeout_s: f64,
 }
 
@@ -68,7 +68,7 @@ pub struct ReturnPlan {
     limit: i64,
     /// Force in LSB per count of e.
     stiffness: Gain,
-    /// Force in LSB per count by which e changes over [`SPAN`] * `pace` outputs.
+    /// Force of the damper, in LSB per count. The counts are the change of e over [`SPAN`] * `pace` outputs.
     damping: Gain,
     /// Number of outputs from one measurement of the speed to the next.
     pace: u32,
@@ -189,8 +189,8 @@ pub struct Return {
     /// the oldest one.
     past: [i64; SPAN],
     oldest: usize,
-    /// How much the distance in `past` has changed from the oldest to the newest. `left` is the number of outputs until
-    /// the next measurement.
+    /// Change of the distance from the oldest to the newest value in `past`, in counts. `left` is the number of outputs
+    /// until the next measurement.
     widened: i64,
     left: u32,
     /// Position at which the handle rests, and the number of outputs for which it has stayed there, within half the

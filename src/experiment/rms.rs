@@ -1,4 +1,4 @@
-//! Population RMS of counts or output codes about their mean. It is exact, in integers.
+//! Computes the population RMS of counts or output codes about their mean. The computation is exact, in integers.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 

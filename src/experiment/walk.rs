@@ -17,23 +17,22 @@ pub struct WalkSettings {
     pub stiffness_start_n_per_m: f64,
     /// Step of K, in N/m.
     pub stiffness_step_n_per_m: f64,
-    /// Largest K that is tried, N/m.
+    /// Largest K that is tried, in N/m.
     pub stiffness_max_n_per_m: f64,
     /// First B, in N s/m.
     pub damping_start_n_s_per_m: f64,
     /// Step of B, in N s/m.
     pub damping_step_n_s_per_m: f64,
-    /// Largest B that is tried, N s/m.
+    /// Largest B that is tried, in N s/m.
     pub damping_max_n_s_per_m: f64,
 }
 
-/// A point of the grid. It is given by the numbers of steps of K and of B from the start. The number of K may be
-/// negative.
+/// A point of the grid: the numbers of steps of K and of B from the start. The number for K may be negative.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cell {
-    /// Steps of K from its start.
+    /// Number of steps of K from the start.
     pub stiffness: i32,
-    /// Steps of B from its start.
+    /// Number of steps of B from the start.
     pub damping: i32,
 }
 
@@ -103,14 +102,14 @@ pub enum Ended {
     Closed,
     /// B reached its largest value. The boundary goes on beyond it.
     DampingMax,
-    /// B reached its largest value. Before that, K had reached its own at one point or more.
+    /// B reached its largest value. At one point or more before that, K had reached its largest value.
     BothMax,
     /// The boundary is closed, but at one point or more K reached its largest value.
     StiffnessMax,
 }
 
 impl Ended {
-    /// Its name in reports. It is `closed`, `damping_max`, `stiffness_max` or `stiffness_and_damping_max`.
+    /// Name of the end in reports. It is `closed`, `damping_max`, `stiffness_max` or `stiffness_and_damping_max`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Closed => "closed",
@@ -177,7 +176,7 @@ impl Walk {
         Self { plan, phase: Phase::First, cell: Cell::default(), stiffness_capped: false }
     }
 
-    /// The grid and caps.
+    /// The grid of the walk.
     pub fn plan(&self) -> &WalkSettings {
         &self.plan
     }
@@ -273,7 +272,7 @@ pub struct WalkTotals {
     pub hits: u32,
     /// Points of the boundary.
     pub points: u32,
-    /// Sum of K dB over the points, N^2 s/m^2.
+    /// Sum of K dB over all points, in N^2 s/m^2.
     pub area: f64,
     /// Largest K of the points, in N/m.
     pub stiffness_peak_n_per_m: f64,

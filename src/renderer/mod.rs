@@ -44,7 +44,7 @@ pub struct Renderer<const N: usize> {
     motor_reversed: Doubled<bool>,
     experiments: Experiments,
     history: BlackBox<N>,
-    /// While the records of the black box are sent, the index of the next one.
+    /// Index of the next record to send. It is `None` while the records of the black box are not sent.
     replay: Option<usize>,
     /// Whether the black box must record again after all its records were sent.
     release: bool,
@@ -187,7 +187,8 @@ impl<const N: usize> Renderer<N> {
         match order {
             Order::Request(request) => {
                 let result = self.supervisor.request(request);
-                // This is done now, not with the next output: flash may be written as soon as this order is answered.
+                // The command is set now, not with the next output, because flash may be written as soon as this order
+                // is answered.
                 sampling.command(self.supervisor.down());
                 if result.is_ok() && matches!(request, Request::Clear) {
                     // If records are being sent, all of them are sent first.

@@ -12,7 +12,7 @@ impl HaltWatch {
     /// of this time, give or take an output period, is not found here. But during such a halt the output watchdog has
     /// switched enable off, and the next output finds that.
     pub const TICKS_PER_SAMPLE: u32 = 4;
-    /// Ticks that may pass beyond an output period before it counts as a halt. They are two samples.
+    /// Ticks beyond an output period that do not count as a halt yet. They are two samples.
     const SLACK: u32 = 2 * Self::TICKS_PER_SAMPLE;
 
     /// The clock and the number of the sample at the last output.

@@ -58,7 +58,7 @@ faults! {
     BeyondTravel = 15, "beyond travel";
     /// An output was not ready when the next output was due.
     LateRender = 20, "late render";
-    /// No output was ready for 10 ms.
+    /// For 10 ms no output was ready.
     StuckRender = 21, "stuck render";
     /// The watchdog reset the processor.
     WatchdogReset = 22, "watchdog reset";
@@ -86,7 +86,7 @@ faults! {
     Panic = 41, "panic";
     /// The processor found an instruction or address that it cannot handle.
     HardFault = 42, "hard fault";
-    /// A register that decides about the force is not as the program has set it.
+    /// A register that decides about the force has another value than the program has set.
     Registers = 43, "registers";
     /// A number that decides about the force differs from the checked number.
     Memory = 44, "memory";

@@ -52,12 +52,10 @@ impl GainFade {
         Self { kept: Doubled::new(Kept { wall, push, pushing: false, correction: 0 }) }
     }
 
-    /// Whether push or correction is still fading.
     pub fn is_fading(&self) -> bool {
         self.kept.pushing || self.kept.correction != 0
     }
 
-    /// The push that acts.
     #[inline]
     pub fn push(&self) -> Force {
         self.kept.push
@@ -69,9 +67,9 @@ impl GainFade {
         self.kept.is_whole()
     }
 
-    /// Computes the force for this output. `drive` is the output of the new settings, and `slew` the largest step.
-    /// `held` is the force of the last output, if the command `zero` has given the position a new number. It then
-    /// replaces the force of the old settings.
+    /// Computes the force for this output. `drive` is the output of the new settings, and `slew` the largest step. If
+    /// the command `zero` has given the position a new number, `held` is the force of the last output, and replaces the
+    /// force of the old settings.
     #[inline]
     pub fn force(
         &mut self,

@@ -142,7 +142,7 @@ impl<W: Width> GuardedSampler<W> {
         GuardedSampler { sampler: sampler.of_any_width(), met, waiting }
     }
 
-    /// The guarded sampler.
+    /// The sampler without the guard.
     pub const fn sampler(&self) -> &Sampler<W> {
         &self.sampler
     }
@@ -219,7 +219,7 @@ impl<W: Width> GuardedSampler<W> {
             read_anew();
             FaultSet::EMPTY.with(Fault::LateRender).with_if(Fault::Memory, !self.sampler.is_whole())
         } else if !self.sampler.is_whole() {
-            // A flipped bit has moved position 0. It is enough to check this at due samples, and they have time for it,
+            // A flipped bit has moved position 0. A check at due samples is enough. Due samples have time for it,
             // because they are not the longest samples.
             cold_path();
             read_anew();
@@ -244,13 +244,14 @@ impl<W: Width> GuardedSampler<W> {
     }
 
     /// Handles a due sample that is not quiet, unless every sample is due. Returns the faults for the report of this
-    /// sample. Because of them the requested output is off. If this output does not come, the next sample switches off.
+    /// sample. These faults keep the requested output off. If this output does not come, the next sample switches off.
     #[inline(always)]
     pub fn defer(&mut self, found: FaultSet, down: &GuardCommand) -> FaultSet {
         let waiting = self.waiting.union(found);
         if !found.is_empty() {
-            // After a flipped bit in an alert, turning it again could give the token of `down`. The next sample would
-            // then be quiet.
+            // From a fault until `clear` the stored token is turned. If one of its bits has flipped, it is no longer
+            // recognised as turned. A second turn could then give the token of `down`, and the next sample would be
+            // quiet.
             let met = self.zeros_met().turned();
             if met != down.zeros {
                 self.met = met;
@@ -435,8 +436,8 @@ mod tests {
         }
     }
 
-    /// The count stays as it is after a flipped bit in the token that requests zeroing, or in the last token that was
-    /// carried out. A valid request is still carried out.
+    /// The token of the last zeroing is kept. The count stays as it is after a flipped bit in this token, or in the
+    /// token that requests a zeroing. A valid request is still carried out.
     #[test]
     fn a_bit_that_flips_asks_for_no_zero() {
         let control = free();
@@ -462,8 +463,8 @@ mod tests {
         }
     }
 
-    /// A flipped bit of the request does not end an alert. Until `clear`, every sample except a due one still switches
-    /// off.
+    /// From a fault until `clear`, every sample except a due one switches off. A flipped bit of the request does not
+    /// end this.
     #[test]
     fn a_bit_that_flips_in_an_alert_ends_no_cut() {
         let control = free();
@@ -486,8 +487,8 @@ mod tests {
         }
     }
 
-    /// If a due sample finds another fault, each sample up to the next due sample still switches off. Every bit of the
-    /// request and of the last token that was carried out flips, at every time.
+    /// A due sample finds another fault, although the first one was not cleared yet. Each sample up to the next due
+    /// sample still switches off. Every bit of the request and of the token of the last zeroing flips, at every time.
     #[test]
     fn a_bit_that_flips_before_another_fault_ends_no_cut() {
         let control = free();
@@ -523,8 +524,8 @@ mod tests {
         }
     }
 
-    /// A flipped bit of the last token that was carried out does not end an alert, in the sample that notes a waiting
-    /// fault.
+    /// A due sample has found a fault. The next sample notes it and switches off, even if a bit of the token of the
+    /// last zeroing has flipped before.
     #[test]
     fn a_bit_that_flips_lets_nothing_on() {
         let control = free();

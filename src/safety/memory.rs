@@ -166,7 +166,7 @@ mod tests {
         }
     }
 
-    /// The handlers of panic and HardFault rename the last record in this way.
+    /// The handlers of panic and HardFault rename the last record with `renamed`.
     #[test]
     fn under_another_name_it_keeps_its_circumstances_and_causes() {
         let renamed = record().renamed(Fault::Panic);

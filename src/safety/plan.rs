@@ -20,8 +20,8 @@ pub const SLEW: i32 = (1 << Force::FRACTION_BITS) / 20;
 pub(super) const PUSH_FORCE: i32 = (1 << Force::FRACTION_BITS) / 10;
 /// The longest time, in s, for which a larger force may act without a motion.
 pub(super) const PUSH_S: f64 = 0.05;
-/// The smallest number of counts that is a motion. Without a motion, a count that flickers at an edge changes by 1, and
-/// with noise by 2.
+/// Smallest change of the count that counts as a motion. At rest the count can flicker by 1 at an edge, and by 2 with
+/// noise.
 pub(super) const PUSH_COUNTS: u32 = 3;
 /// Binary places of a count in the computed motion of the heaviest handle.
 pub(super) const HEAVIEST_BITS: u32 = 32;
@@ -59,7 +59,7 @@ pub struct SafetySettings {
     /// Mass, in kg, of the heaviest handle that an experiment may push, with everything that hangs on it. The range is
     /// 1e-9 to 1e6. If a push moves the count by less than this handle would move, it is a push without motion.
     pub heaviest_mass_kg: f64,
-    /// Damping of the heaviest handle, N s/m: 0 to 1e6.
+    /// Damping of the heaviest handle, in N s/m. The range is 0 to 1e6.
     pub heaviest_damping_n_s_per_m: f64,
     /// Largest acceleration of the handle, in m/s^2, for the passivity controller of the wall. With 0 there is no
     /// controller.
@@ -69,7 +69,7 @@ pub struct SafetySettings {
 impl SafetySettings {
     /// Allowed times of the ramp, in s. The lower end keeps the ramp below 5 % per output at 1 kHz.
     pub const RAMP_IN_S: RangeInclusive<f64> = 0.02..=10.0;
-    /// Allowed forces of the sign test, fraction of full scale.
+    /// Allowed forces of the sign test, as a part of full scale.
     pub const SIGN_TEST_FORCE: RangeInclusive<f64> = 0.001..=0.05;
     /// Allowed thresholds of the sign test, in counts.
     pub const SIGN_TEST_COUNTS: RangeInclusive<f64> = 10.0..=1_048_576.0;
@@ -144,7 +144,7 @@ impl SafetySettings {
             ),
             sign_counts: self.sign_test_counts.cast_signed(),
             samples: Samples {
-                // At most 1 count.
+                // The cast saturates, so `yields` is at most 1 count.
                 yields: libm::ldexp(yields, HEAVIEST_BITS.cast_signed()) as u32,
                 slows: libm::ldexp(slows, HEAVIEST_BITS.cast_signed()) as u32,
                 ms: design.samples_per_ms(),
@@ -225,7 +225,7 @@ pub struct SafetyPlan {
     pub(super) stuck: u32,
     /// Largest step of the force from one output to the next that does not come from position or velocity.
     pub(super) slew: i32,
-    /// Outputs in a millisecond, at least one.
+    /// Number of outputs in a millisecond. It is at least 1.
     pub(super) per_ms: u32,
     /// Largest allowed move in `per_ms` outputs, in counts. One count for quantisation is included.
     pub(super) moved: u32,

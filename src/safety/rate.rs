@@ -8,7 +8,6 @@ use core::hint::cold_path;
 const BLOCK: u32 = 8;
 const BLOCKS: u32 = 8;
 
-/// Ticks that have passed, and ticks that were expected.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ticks {
     passed: u32,
@@ -49,7 +48,7 @@ pub struct RateWatch<const TICKS: u32> {
 impl<const TICKS: u32> RateWatch<TICKS> {
     /// Outputs in a comparison. A wrong rate is found within this number of outputs and one more block.
     pub const OUTPUTS: u32 = BLOCKS * BLOCK;
-    /// The allowed error is one tick in this number of ticks, which is 2 %.
+    /// Number of ticks in which an error of one tick is allowed. This is 2 %.
     const PART: u32 = 50;
 
     /// Takes the ticks and the samples since the last output. `anew` says that time has passed without samples or

@@ -25,7 +25,7 @@ pub struct Written {
 }
 
 impl Written {
-    /// Code relative to the code of zero force, as the hardware gets it, so with the mirroring.
+    /// The code that the hardware gets, relative to the code of zero force. The mirroring is included.
     #[inline]
     fn codes(self, zero: i32) -> i32 {
         let codes = self.command.code() - zero;

@@ -145,7 +145,7 @@ pub enum Refusal {
     Zeroing,
     /// An experiment is running: send `stop` first.
     Busy,
-    /// This needs `unlock envelope` first.
+    /// The envelope is locked: send `unlock envelope` first.
     Locked,
     /// Flash is being written.
     Stalled,

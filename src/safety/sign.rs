@@ -31,9 +31,7 @@ pub(super) struct SignTest {
 pub(super) enum SignStep {
     /// The test continues, with this force.
     Push(Force),
-    /// The count moved the right way.
     Passed,
-    /// The count did not move the right way.
     Failed,
 }
 

@@ -1,4 +1,4 @@
-//! A request with a number. A flipped bit cannot look like a request.
+//! Requests with a number, so that a flipped bit cannot look like a request.
 
 /// A request with a number. The upper half has the number in 16 bits, the lower half its complement. A token is a
 /// request if its number differs from the last number.

@@ -21,9 +21,9 @@ pub struct Stored {
     pub signs: Signs,
     /// Start of hits, in m.
     pub start_m: f64,
-    /// Time before a hit is judged, s.
+    /// Time before a hit is judged, in s.
     pub settle_s: f64,
-    /// Time over which a hit is judged, s.
+    /// Time over which a hit is judged, in s.
     pub window_s: f64,
     /// Limit of a stable hit's RMS, in m.
     pub rms_limit_m: f64,
@@ -32,7 +32,7 @@ pub struct Stored {
     /// Limit of the force's RMS for the criterion `quiet`, in N. With `None` the limit is [a
     /// share](crate::experiment::quiet::FORCE_SHARE) of the push.
     pub force_rms_limit_n: Option<f64>,
-    /// Force at full command, N, from the calibration.
+    /// Force at full command, in N, from the calibration.
     pub full_scale_n: f64,
     /// Grid of the walk, with the largest K and B.
     pub grid: WalkSettings,
@@ -147,7 +147,7 @@ const FLAG_BITS: u32 = 8;
 const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
-/// The flags that the layouts up to 4 have.
+/// Flags of the layouts up to 4.
 const FLAGS_4: u32 = 7;
 const QUIET: u32 = 8;
 const FORCE_LIMIT: u32 = 16;
@@ -187,7 +187,8 @@ pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     right.into_iter().filter(|&right| right).count() >= 3
 }
 
-/// Reads a further record from these words, if they are one. Returns its sequence number and its content.
+/// Reads a further record from these words. Returns its sequence number and its content, or `None` if the words are no
+/// further record.
 pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Further)> {
     let [body @ .., check] = words;
     let [HEAD_FURTHER, sequence, numbers @ ..] = body else { return None };

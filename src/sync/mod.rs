@@ -5,7 +5,7 @@
 /// A type that stands for a static `T`. Code that knows the type has the address of the static as a constant, so it
 /// loads no pointer.
 pub trait Static<T: 'static>: 'static {
-    /// Returns the static. It must always be the same one.
+    /// Returns the static. Every call must return the same static.
     fn place() -> &'static T;
 }
 

@@ -70,7 +70,7 @@ impl<P: Placed> Owner<P> {
     pub fn take(shown: P::Shown, rest: P::Rest) -> (Self, Viewer<P>) {
         let place = P::place();
         while place.taken.swap(true, Relaxed) {} // before any output is on
-        // SAFETY: nobody else has got this far, and there are no ends yet.
+        // SAFETY: no other call has got this far, and there is no owner or viewer yet.
         unsafe { (*place.value.get()).write(Shown { shown, rest }) };
         (Self(PhantomData), Viewer(PhantomData))
     }
@@ -87,8 +87,8 @@ impl<P: Placed> Viewer<P> {
     fn copy(&self) -> P::Shown {
         let place = P::place().value.get().cast::<Shown<P::Shown, P::Rest>>();
         compiler_fence(Acquire);
-        // SAFETY: in place, aligned, and written before this end was made. A pass may change words meanwhile, but each
-        // word is either old or new.
+        // SAFETY: in place, aligned, and written before the viewer was made. A pass may change words meanwhile, but
+        // each word is either old or new.
         let copy = unsafe { (&raw const (*place).shown).read_volatile() };
         compiler_fence(Acquire);
         copy
@@ -99,7 +99,7 @@ impl<P: Placed> Viewer<P> {
     pub fn look<R>(&self, see: impl Fn(&P::Shown) -> R) -> R {
         let place = P::place().value.get().cast::<Shown<P::Shown, P::Rest>>();
         loop {
-            // SAFETY: in place, aligned, and written before this end was made. A pass may change words meanwhile, but
+            // SAFETY: in place, aligned, and written before the viewer was made. A pass may change words meanwhile, but
             // each word is either old or new, and then the result is discarded.
             let shown = unsafe { &(*place).shown };
             let before = P::number(shown);

@@ -42,7 +42,7 @@ pub fn is_kept(oldest: u64, next: u64) -> bool {
     next.saturating_sub(oldest) < LENGTH as u64
 }
 
-/// Reads the samples one by one.
+/// Reads the positions of the samples one by one.
 pub struct Follower {
     next: u64,
     end: u64,

@@ -34,13 +34,10 @@ pub struct Outputs {
     pub drive: Drive,
     pub stop: EmergencyStop,
     pub supply: Supply,
-    /// Detector of halts by a debugger.
     pub halts: Halts,
-    /// Switches enable off when outputs stop.
     pub output_watchdog: OutputWatchdog,
     pub set_up: SetUp,
     pub read_back: ReadBack,
-    /// Backup RAM for the fault record.
     pub memory: FaultMemory,
 }
 
@@ -93,7 +90,7 @@ pub struct Render {
     /// Faults that were found after the last checked output. `checked` is the number of this output's sample.
     found: FaultSet,
     checked: u32,
-    /// Numbers and registers are checked alternately. Whether the last check was that of the numbers.
+    /// Whether the last check was that of the numbers. Numbers and registers are checked alternately.
     numbers_next: bool,
     /// The code that the last output has written, or `None` if the output was off.
     written: Option<Written>,
@@ -155,7 +152,7 @@ impl Render {
         let record = self.follow(&rendered, up.motion);
         self.meet_order();
         if self.ends.reports.ready() {
-            // There is room in the queue, and no other task writes to it, so this cannot fail.
+            // There is room in the queue, and no other task writes to it, so the call cannot fail.
             let _ = self.ends.reports.enqueue(self.renderer.report(record));
         }
         board::request_link();

@@ -81,7 +81,7 @@ impl Decoder {
         None
     }
 
-    /// The outputs of the last frame except the newest output, in the order from the oldest on.
+    /// The outputs of the last frame without the newest one. The oldest output comes first.
     pub fn earlier(&self) -> &[Record] {
         self.earlier.get(..self.before).unwrap_or_default()
     }
@@ -187,7 +187,7 @@ impl Decoder {
         self.pass(start);
     }
 
-    /// Removes this number of bytes. The window must have so many.
+    /// Removes this number of bytes from the front of the window. The window must have at least as many bytes.
     fn pass(&mut self, bytes: usize) {
         // `min` is for the compiler, which does not know that `bytes` is within the window.
         self.window.copy_within(bytes.min(Frame::LEN_MAX).., 0);

@@ -15,7 +15,7 @@ pub(super) mod kind {
     pub const EARLIER: u8 = 1;
     /// Differences between the counts of the samples. Each has one byte, or five if it is large.
     pub const COUNTS: u8 = 2;
-    /// The same differences, but two in a byte. This is used if all are small.
+    /// Differences between the counts of the samples, two in a byte. This kind is used if all differences are small.
     pub const SMALL_COUNTS: u8 = 3;
     /// Pushes of an experiment.
     pub const PUSHES: u8 = 4;

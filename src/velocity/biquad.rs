@@ -113,7 +113,7 @@ impl Biquad {
         let dropped = (total & ((1 << Self::FRACTION_BITS) - 1)) as i32;
         state.dropped = [dropped, r1];
         *seal = seal.wrapping_add([x0, dropped].sum());
-        // The sum is hardly ever near saturation, and one comparison shows that.
+        // The sum is hardly ever near saturation. One comparison shows whether it is.
         if upper.wrapping_add(NEAR).cast_unsigned() < 2 * NEAR.cast_unsigned() {
             #[expect(clippy::cast_possible_truncation, reason = "within 4 NEAR")]
             let y0 = (total >> Self::FRACTION_BITS) as i32;

@@ -37,8 +37,8 @@ const LEAST: f64 = -0.5;
 const SUM: f64 = 3.999;
 /// The largest magnitude of a coefficient.
 const COEFFICIENT: f64 = 1.999;
-/// If the frequency of the poles is below this fraction of the sample rate, error feedback of second order leaves less
-/// noise than that of first order. The limit is that of the Butterworth low-pass.
+/// Below this frequency of the poles, as a fraction of the sample rate, second-order error feedback leaves less noise
+/// than first-order error feedback. The limit is that of the Butterworth low-pass.
 const SECOND_ORDER_BELOW: f64 = 0.064;
 
 /// A biquad in floating point, normalised to `a0 = 1`.
@@ -270,8 +270,8 @@ mod tests {
             };
             assert!((a1 + sum).abs() < 1e-12, "{a1} {sum}");
             assert!((b0 * zero * zero + b1 * zero + b2).abs() < 1e-12);
-            // The delay follows from the derivatives of ln N and ln A at z^-1 = 1, plus half a sample of the
-            // difference.
+            // The delay is computed from the derivatives of ln N and ln A at z^-1 = 1. The difference adds half a
+            // sample.
             let s = b0 + b1 + b2;
             let delay = 0.5 + ((b1 + 2.0 * b2) - (a1 + 2.0 * a2)) / s;
             assert!((delay / RATE_HZ + lead_s).abs() < 1e-12, "{delay}");

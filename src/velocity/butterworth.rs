@@ -37,8 +37,8 @@ pub const PREWARPED_MAX: f64 = 0.38;
 /// Accepted quality factors. Up to the highest quality factor, the magnitudes of the coefficients add up to less than 4
 /// at every cutoff.
 pub const QUALITY: RangeInclusive<f64> = 0.3..=2.0;
-/// If the cutoff is below this fraction of the sample rate, error feedback of second order leaves less noise than that
-/// of first order. The exact limit is 0.0655. At the limit both leave 0.36 LSB RMS, which is the sum of the squared
+/// Below this cutoff, as a fraction of the sample rate, second-order error feedback leaves less noise than first-order
+/// error feedback. The exact limit is 0.0655. At the limit both leave 0.36 LSB RMS. This follows from the squared
 /// impulse responses of `(1 - z^-1)^k / A(z)`.
 const SECOND_ORDER_BELOW: f64 = 0.064;
 
@@ -75,9 +75,9 @@ fn prewarped(angle: f64) -> f64 {
 pub struct ButterworthDesign {
     /// Gain of the numerator `b0 (1 + z^-1)^2`.
     pub b0: f64,
-    /// Denominator `1 + a1 z^-1 + a2 z^-2`.
+    /// Coefficient a1 of the denominator `1 + a1 z^-1 + a2 z^-2`.
     pub a1: f64,
-    /// Denominator `1 + a1 z^-1 + a2 z^-2`.
+    /// Coefficient a2 of the denominator `1 + a1 z^-1 + a2 z^-2`.
     pub a2: f64,
     cutoff_per_rate: f64,
 }
@@ -86,7 +86,9 @@ impl ButterworthDesign {
     /// Designs the filter of equation (2) for this cutoff and sample rate, both in Hz.
     ///
     /// # Errors
-    /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
+    ///
+    /// `cutoff_hz` is outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] of the rate. With `prewarp` the upper end is
+    /// [`PREWARPED_MAX`].
     pub fn new(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<Self, SettingsError> {
         Ok(Self::of(digital_frequency(cutoff_hz, rate_hz, prewarp)?, SQRT_2, cutoff_hz / rate_hz))
     }
@@ -133,7 +135,7 @@ impl ButterworthDesign {
     }
 }
 
-/// First-order low-pass `wc / (s + wc)` in floating point, by the same transform. Its coefficients are
+/// First-order low-pass `wc / (s + wc)` in floating point, by the bilinear transform. Its coefficients are
 /// `b0 = b1 = w / (2 + w)` and `a1 = (w - 2) / (2 + w)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
@@ -147,7 +149,9 @@ impl FirstOrder {
     /// Designs the filter for this cutoff and sample rate, both in Hz.
     ///
     /// # Errors
-    /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
+    ///
+    /// `cutoff_hz` is outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] of the rate. With `prewarp` the upper end is
+    /// [`PREWARPED_MAX`].
     pub fn new(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<Self, SettingsError> {
         Ok(Self::of(digital_frequency(cutoff_hz, rate_hz, prewarp)?))
     }

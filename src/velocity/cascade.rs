@@ -11,7 +11,6 @@ use crate::units::Velocity;
 /// Two biquads in series. Made by [`CascadeDesign::quantise`](super::CascadeDesign::quantise).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cascade {
-    /// The sections in their order.
     pub(super) sections: [Biquad; 2],
 }
 

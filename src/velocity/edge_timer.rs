@@ -61,8 +61,8 @@ pub struct EdgeTimer<const TICKS: u32> {
     phase: Option<u32>,
     /// An edge that came after the last count was read.
     waiting: Option<Captured>,
-    /// Channel and direction of a count's last edge, and whether the count is odd, combined into one bit. The bit is
-    /// the same for all edges, once it is learnt.
+    /// One bit that combines three facts: the channel of a count's last edge, its direction, and whether the count is
+    /// odd. All edges give the same bit. `None` until the bit is learnt.
     turns: Option<bool>,
     latest: Option<Edge>,
 }
@@ -269,7 +269,7 @@ mod tests {
         assert_eq!(bench.sample(18_001, 2), edge(age(8_002), true));
         // This reading is late by 3 ticks, which has no effect.
         assert_eq!(bench.sample(27_003, 2), edge(age(5), true));
-        // 27_005 was read with the captures, but is not in this count
+        // the edge at 27_005 was read with the captures, but is not in this count
         assert_eq!(bench.sample(36_000, 2), edge(age(8_997), true));
         assert_eq!(bench.sample(44_998, 2), edge(age(8_997) + 65_536, true));
         assert_eq!(

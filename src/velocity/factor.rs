@@ -1,5 +1,3 @@
-//! A factor below 1 for numbers of 64 bits.
-
 /// A factor between 0 and 1, for values of 64 bits. It is `mantissa * 2^-(32 + shift)`, with 2^31 <= mantissa < 2^32.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Factor {

@@ -69,7 +69,7 @@ mod tests {
     use super::*;
     use crate::velocity::FirDesign;
 
-    /// The sum is linear, so it is largest when every difference is at that end of its range that suits the sign of its
+    /// The sum is linear. So it is largest when each difference is at the end of its range that has the sign of its
     /// weight.
     #[test]
     fn no_sum_overflows_at_its_ends() {

@@ -43,7 +43,6 @@ const FREE: i32 = 1 << 25;
 pub struct Foaw {
     best: bool,
     window: u8,
-    /// The noise, in steps.
     noise: i32,
 }
 

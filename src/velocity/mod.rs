@@ -129,7 +129,7 @@ fn steps<F: Form>(
     senses: &[Senses],
     velocities: &mut [Velocity],
 ) {
-    /// A state of at most this many bytes is copied, because its copy can stay in registers.
+    /// Largest size of a state that is copied, in bytes. Its copy can stay in registers.
     const FEW: usize = 64;
     let mut each = |state: &mut F::State| {
         let step = |state: &mut F::State, place: usize, moved: i32| {
@@ -508,8 +508,8 @@ mod tests {
                 let memory = Memory::take(&tuned, &mut &bytes[..length]).unwrap();
                 bytes[bit / 8] ^= 1 << (bit % 8);
                 let mut broken = Running { memory, ..running };
-                // Only some bits run for ten samples. With the others the test's overflow checks would fail, which a
-                // board does not have.
+                // Only some bits run for ten samples. With the other bits the overflow checks of the test would fail. A
+                // board has no such checks.
                 let samples = if bit % 64 < 24 { 10 } else { 1 };
                 for n in 300..300 + samples {
                     assert!(!broken.is_whole(&tuned), "{name:?}, bit {bit}, sample {n}");

@@ -6,7 +6,7 @@ use core::{fmt, str::FromStr};
 use super::{EstimatorName, PARAMETERS, Parameter, Sense, VelocitySettings, true_cutoff_hz};
 
 /// Numbers and names of removed estimators, each with its replacement. These numbers and names never get a new meaning.
-/// An image without the feature never had them.
+/// An image without the feature never had these estimators.
 const RETIRED: &[(u32, &str, &str)] = if cfg!(feature = "estimators") {
     &[
         (16, "central-difference", "window-difference with window_samples = 2"),

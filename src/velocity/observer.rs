@@ -114,7 +114,7 @@ impl Form for Fusion {
 }
 
 impl Fusion {
-    /// Number of fractional bits that a known acceleration has more than an [`Acceleration`].
+    /// Number of fractional bits of a known acceleration beyond those of an [`Acceleration`].
     pub const KNOWN_MORE: u32 = POSITION_BITS - Acceleration::FRACTION_BITS;
 }
 

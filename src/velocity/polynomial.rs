@@ -38,7 +38,7 @@ pub struct FirDesign {
 }
 
 impl FirDesign {
-    /// Designs the Taylor expansion of this order, 1 to 3. It uses as many differences.
+    /// Designs the Taylor expansion of this order, 1 to 3. It uses this number of differences.
     ///
     /// # Errors
     /// The order is out of range.

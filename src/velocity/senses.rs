@@ -6,8 +6,8 @@ use crate::units::{Acceleration, Force};
 /// has. It does not offer an estimator that needs another [`Sense`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Senses {
-    /// Mean force on the handle since the last sample, as far as the controller knows it. This is the commanded force
-    /// after saturation, which is held constant and is assumed to act without delay.
+    /// Mean force on the handle since the last sample, as the controller knows it. It is the commanded force after
+    /// saturation. This force is held constant, and is assumed to act without delay.
     pub force: Force,
     /// Mean measured acceleration of the handle since the last sample.
     pub acceleration: Acceleration,

@@ -44,12 +44,12 @@ use crate::range::{SettingsError, within};
 pub const BANDWIDTH_MIN: f64 = 3.5e-5;
 /// Highest accepted bandwidth, as a fraction of the sample rate.
 pub const BANDWIDTH_MAX: f64 = 0.25;
-/// For smoothing, the accepted ratios between the frequencies of the second and the first pole. With a large ratio the
-/// second pole is 1e-8 or less in the z plane, and has no effect.
+/// For smoothing, the accepted ratios of the second pole's frequency to the first pole's frequency. With a large ratio
+/// the second pole is 1e-8 or less in the z plane, and has no effect.
 pub const RATIO: RangeInclusive<f64> = 1.0..=1e6;
-/// If the bandwidth is below this fraction of the sample rate, error feedback of second order leaves less noise than
-/// that of first order. At this fraction both leave 0.35 LSB RMS. This follows from the squared impulse responses of
-/// `(1 - z^-1)^k / (1 - p z^-1)^2`.
+/// Below this bandwidth, as a fraction of the sample rate, second-order error feedback leaves less noise than
+/// first-order error feedback. At this bandwidth both leave 0.35 LSB RMS. This follows from the squared impulse
+/// responses of `(1 - z^-1)^k / (1 - p z^-1)^2`.
 const SECOND_ORDER_BELOW: f64 = 0.05;
 
 /// A tracking loop in floating point.
@@ -113,7 +113,7 @@ impl TrackingLoop {
 
     /// Delay of a slow motion, in samples.
     pub fn delay_samples(&self) -> f64 {
-        // The difference has a delay of 1/2, and each pole p / (1 - p).
+        // The difference delays by 1/2 sample, and each pole p by p / (1 - p).
         0.5 + (self.kp - self.ki) / self.ki - self.lead
     }
 

@@ -24,7 +24,7 @@ use crate::{
 pub const DIFFERENCE_WINDOW_MAX: u8 = 255;
 
 const LENGTH: usize = 256;
-/// Number of fractional bits that the factor has more than a velocity. With them, the rounding of the factor causes an
+/// Number of fractional bits of the factor beyond those of a velocity. With them, the rounding of the factor causes an
 /// error of at most a quarter of an LSB.
 const FACTOR_BITS: u32 = 24;
 
@@ -32,7 +32,6 @@ const FACTOR_BITS: u32 = 24;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WindowDifference {
     window: u8,
-    /// The factor 1 / window. See [`factor`](Self::factor).
     factor: i64,
 }
 

@@ -184,7 +184,8 @@ impl Instruction {
         Some(self.at.wrapping_add(4).wrapping_add_signed(offset))
     }
 
-    /// If the instruction moves 16 bits into a register: whether they are the upper half, the register, and the value.
+    /// For an instruction that moves 16 bits into a register, returns three values: whether the bits are the upper
+    /// half, the register, and the bits.
     fn move_16(self) -> Option<(bool, usize, u32)> {
         let (first, second) = (u32::from(self.first), u32::from(self.second));
         let upper = match first & 0xFBF0 {

@@ -230,7 +230,6 @@ fn a_slow_handle_has_its_speed_where_the_finite_difference_has_nothing() {
     }
 }
 
-/// Without the feature, the board refuses the estimator.
 fn an_image_without_the_estimator_does_not_know_it(board: Board) {
     let unknown = Firmware::of(board).boot().ask("estimator time-stamps").unwrap();
     println!("{unknown}");

@@ -95,7 +95,7 @@ fn inputs() -> Vec<i32> {
     all.extend([-32_767; 150]);
     all.extend((0..200).map(|n| if n % 2 == 0 { 32_767 } else { -32_767 }));
     all.extend([0; 300]);
-    // A line whose bounds come closer and closer.
+    // For adaptive windowing: a line whose bounds come closer and closer.
     all.extend((0..64).map(|n| 100 + if n % 2 == 0 { 1 } else { -1 } * (64 - n) / 8));
     all.extend((0..200).map(|n| n * n / 40));
     for bits in 1..16 {

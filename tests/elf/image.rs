@@ -120,7 +120,6 @@ fn an_image_without_its_seal_or_with_another_byte_is_refused(board: Board) {
     }
 }
 
-/// Flips a bit of flash.
 fn flip(world: &mut World<'_>, address: u32) {
     let flipped = world.powered.mcu.peek(address) ^ 1 << 7;
     world.powered.mcu.program(address, &flipped.to_le_bytes());

@@ -14,8 +14,8 @@ use zwidth::experiment::{Verdict, quiet::PUSHES};
 
 use crate::firmware::Firmware;
 
-/// If an RMS is within this fraction of its limit, board and simulator may give different verdicts. Even in windows of
-/// 2 s, an RMS near one count differs by a fifth between two windows.
+/// Distance of an RMS from its limit within which board and simulator may give different verdicts, as a fraction of the
+/// limit. Even in windows of 2 s, an RMS near one count differs by a fifth between two windows.
 const NEAR: f64 = 0.2;
 /// Fractions of a count at which the simulator's hits start.
 const STARTS: [f64; 4] = [0.0, 0.25, 0.5, 0.75];

@@ -21,7 +21,7 @@ pub const DESIGN: Design = Design {
     period: 10,
     output: Output::Continuous,
 };
-/// One count per sample is this number of LSB of the velocity.
+/// Number of LSB of the velocity in one count per sample.
 pub const LSB: f64 = 65_536.0;
 
 /// A running estimator. Its counts may wrap.

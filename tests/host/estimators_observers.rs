@@ -45,8 +45,8 @@ fn all() -> Vec<VelocitySettings> {
     all
 }
 
-/// After this number of samples, the effect of the start is far below an LSB. This holds for a loop with poles at the
-/// bandwidth of `settings`.
+/// Number of samples after which the effect of the start is far below an LSB, for a loop with poles at the bandwidth of
+/// `settings`.
 fn settled(settings: &VelocitySettings) -> i64 {
     let (_, hz) = settings.tuning().unwrap();
     (7.0 * DESIGN.rate_hz / hz) as i64 + 10

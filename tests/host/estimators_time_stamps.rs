@@ -12,7 +12,7 @@ use crate::estimator_bench::{
 };
 
 const MASS_KG: f64 = 0.416;
-/// After this number of samples without an edge the velocity is 0. A few samples are added as a reserve.
+/// Number of samples without an edge after which the velocity is 0. A few samples are added as a reserve.
 const STANDSTILL: i64 = 33_000;
 const SPANS: [u32; 5] = [1, 2, 8, 16, SPAN_MAX];
 

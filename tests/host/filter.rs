@@ -52,7 +52,7 @@ fn cutoffs() -> impl Iterator<Item = f64> {
 
 #[test]
 fn coefficients_are_those_of_scipy_within_their_stated_lsb() {
-    // Largest errors of b0, b1, b2, a1 and a2, in this order: see Design::quantise.
+    // Largest errors of b0, b1, b2, a1 and a2, in this order: see `ButterworthDesign::quantise`.
     const ERROR_MAX_LSB: [f64; 5] = [1.0, 2.0, 1.0, 1.0, 0.5];
     for (prewarp, golden) in [
         (false, include_str!("../golden/butterworth.csv")),

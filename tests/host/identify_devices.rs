@@ -511,7 +511,7 @@ fn campaign(seeds: std::ops::Range<u64>, verbose: bool) -> Counts {
     counts
 }
 
-/// At least this fraction of true parameter values must be inside the intervals. `SILENT` is the largest allowed
+/// Smallest fraction of true parameter values that must be inside the intervals. `SILENT` is the largest allowed
 /// fraction of devices that have a parameter far outside but no warning. Both limits are met today. The intervals
 /// themselves promise a fraction of 0.95.
 const INSIDE: f64 = 0.8;

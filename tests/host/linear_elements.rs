@@ -18,7 +18,7 @@ use zwidth::VelocitySettings;
 const AMPLIFIER: Amplifier = Amplifier { bandwidth_hz: 400.0 };
 const MODE: Mode = Mode { mass_kg: 0.15, stiffness_n_per_m: 6e4, damping_n_s_per_m: 4.0 };
 const WALL_M: f64 = 0.07;
-/// The handle rests this far behind the surface of the wall, in m. The handle never leaves the wall.
+/// Depth of the handle at rest behind the surface of the wall, in m. The handle never leaves the wall.
 const DEPTH_M: f64 = 1e-3;
 /// Distance of the start from the rest position, in m.
 const DEFLECTION_M: f64 = 1e-4;
@@ -50,7 +50,7 @@ fn envelope(point: &Point) -> f64 {
     Boundary::new(&of).unwrap().at(point.damping_n_s_per_m).unwrap().stiffness_max
 }
 
-/// A scene deep in a wall without a surface, with 10 nm counts and an actuator that never saturates.
+/// A scene in which the handle is deep in a wall without a surface. A count is 10 nm, and the actuator never saturates.
 fn scene(point: &Point, stiffness_n_per_m: f64) -> Scene {
     let mut scene = NamedScene::load("paper-1um").unwrap().scene;
     scene.encoder.resolution_m = 1e-8;
@@ -93,7 +93,7 @@ fn growth(point: &Point, stiffness_n_per_m: f64) -> f64 {
 
 #[test]
 fn growth_and_decay_change_places_at_the_envelope() {
-    /// At this relative distance from the envelope, the motion must clearly grow or decay.
+    /// Relative distance from the envelope at which the motion must clearly grow or decay.
     const ASIDE: f64 = 0.005;
     let (amplifier, mode, arm) = (Some(AMPLIFIER), Some(MODE), Some(ARM));
     let none = Elements::default();

@@ -129,8 +129,8 @@ fn differing(a: &Boundary, b: &Boundary) -> Vec<(BoundaryPoint, BoundaryPoint)> 
     both.filter(|(a, b)| a != b).collect()
 }
 
-/// Whether this wall is chaotic. It is if the exact twin gives both verdicts when the start is moved by up to 0.015
-/// count, in steps of 0.0001.
+/// Whether this wall is chaotic: the exact twin gives both verdicts when the start is moved by up to 0.015 count, in
+/// steps of 0.0001.
 fn is_chaotic(
     prepared: &PreparedScene,
     velocity: VelocitySettings,

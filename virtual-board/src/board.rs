@@ -61,10 +61,6 @@ pub const DISCOVERY_F407: Board = Board {
 pub const BOARDS: [Board; 2] = [NUCLEO_F446RE, DISCOVERY_F407];
 
 impl Board {
-    /// The board with this name.
-    ///
-    /// # Errors
-    /// No board has this name.
     pub fn asked(name: &str) -> Result<Self, Error> {
         Self::named(name).ok_or_else(|| {
             Error::Input(format!("--board is {name}, allowed {}", Self::names(", ")))

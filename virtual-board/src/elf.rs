@@ -81,9 +81,6 @@ impl Elf {
     }
 
     /// Address and size of the symbol whose name contains `part`.
-    ///
-    /// # Errors
-    /// No symbol contains `part`.
     pub fn place_of(&self, part: &str) -> Result<(u32, u32), String> {
         let found = self.symbols.iter().find(|(name, ..)| name.contains(part));
         found

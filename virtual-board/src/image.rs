@@ -29,9 +29,6 @@ pub fn build(board: &str) -> Result<PathBuf, String> {
 }
 
 /// Builds an image as [`build`] does, with additional features of the firmware.
-///
-/// # Errors
-/// The error of `cargo` or `rustup`.
 pub fn build_variant(board: &str, features: &[&str]) -> Result<PathBuf, String> {
     let name = [&[board], features].concat().join(",");
     let bin = ["--bin", "zwidth", "--no-default-features", "--features", &name];

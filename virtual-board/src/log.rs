@@ -17,9 +17,6 @@ const FRAME_END: u8 = 0;
 pub struct Malformed;
 
 /// The table of log messages of an ELF.
-///
-/// # Errors
-/// The ELF has no table, or the table cannot be read.
 pub fn table(elf: &[u8]) -> Result<Table, String> {
     Table::parse(elf)
         .map_err(|error| error.to_string())?
@@ -32,9 +29,6 @@ impl<'a> Decoder<'a> {
     }
 
     /// Adds bytes of the stream, and returns the lines that are now complete.
-    ///
-    /// # Errors
-    /// A frame is malformed.
     pub fn feed(&mut self, bytes: &[u8]) -> Result<Vec<String>, Malformed> {
         let mut lines = Vec::new();
         self.begun.extend_from_slice(bytes);

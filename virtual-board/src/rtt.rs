@@ -9,9 +9,6 @@ pub trait Memory {
     type Error;
 
     /// Reads bytes from `address` on.
-    ///
-    /// # Errors
-    /// The memory could not be reached.
     fn read(&mut self, address: u32, into: &mut [u8]) -> Result<(), Self::Error>;
 
     /// Writes bytes from `address` on.
@@ -62,9 +59,6 @@ impl Rtt {
     }
 
     /// Reads the control block with one access. Returns `None` if the program has not set up the block yet.
-    ///
-    /// # Errors
-    /// The memory could not be reached.
     pub fn look<M: Memory>(&self, memory: &mut M) -> Result<Option<Block>, M::Error> {
         let mut bytes = [0; BLOCK];
         memory.read(self.address, &mut bytes)?;
@@ -168,9 +162,6 @@ pub struct Ring {
 
 impl Ring {
     /// Copies at most `room` bytes. Returns the bytes, and the reader's next offset. The bytes stay in the buffer.
-    ///
-    /// # Errors
-    /// The memory could not be reached.
     pub fn copy<M: Memory>(&self, memory: &mut M, room: usize) -> Result<(Vec<u8>, u32), M::Error> {
         let Self { buffer, size, write, mut read, .. } = *self;
         let mut taken = Vec::new();
@@ -187,18 +178,12 @@ impl Ring {
     }
 
     /// Frees the room of the bytes before `next`.
-    ///
-    /// # Errors
-    /// The memory could not be reached.
     pub fn release<M: Memory>(&self, memory: &mut M, next: u32) -> Result<(), M::Error> {
         memory.write(self.at.wrapping_add(16), &next.to_le_bytes())
     }
 
     /// Writes as many bytes as have room. Returns the number of written bytes, and the writer's next offset. Until
     /// [`publish`](Self::publish) the program does not see the bytes.
-    ///
-    /// # Errors
-    /// The memory could not be reached.
     pub fn fill<M: Memory>(&self, memory: &mut M, bytes: &[u8]) -> Result<(usize, u32), M::Error> {
         let Self { buffer, size, write, read, .. } = *self;
         // One byte stays free, since a full buffer must differ from an empty buffer.

@@ -56,7 +56,6 @@ pub struct BoardHit {
     pub verdict: Verdict,
     /// RMS of the position about its mean, in m.
     pub rms_m: f64,
-    /// Mean of the position, in m.
     pub mean_m: f64,
     /// Two energies in J. The first is what the wall has absorbed in the last contact. The second is the most that the
     /// wall has supplied in one contact.
@@ -173,9 +172,6 @@ impl Session {
 
     /// Opens a session as [`open`](Self::open) does, but with this record in the image's flash. Without a record, the
     /// image's own record is used.
-    ///
-    /// # Errors
-    /// The same errors as in [`open`](Self::open).
     pub fn open_with(
         board: Board,
         elf: Option<&PathBuf>,
@@ -237,9 +233,6 @@ impl Session {
 
     /// Boots the board as [`boot_at_zero`](Self::boot_at_zero) does, but returns when the hand has just released the
     /// handle.
-    ///
-    /// # Errors
-    /// The same errors as in [`boot_at_zero`](Self::boot_at_zero).
     pub fn boot_and_let_go(&self) -> Result<World<'_>, Failed> {
         self.let_go(false)
     }
@@ -386,7 +379,7 @@ fn number(line: &str, name: &str) -> Result<f64, Failed> {
     word.parse().map_err(|_| Failed::Refused(format!("no number behind {name:?} in: {line}")))
 }
 
-/// Sends a line and returns the reply. A reply with an error is returned as an `Err`.
+/// Sends a line and returns the reply.
 ///
 /// # Errors
 /// The firmware refused the line, or its program ended.
@@ -400,9 +393,6 @@ pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
 }
 
 /// Sends several lines as [`ask`] does.
-///
-/// # Errors
-/// The same errors as in [`ask`].
 pub fn ask_each(world: &mut World<'_>, lines: &[impl AsRef<str>]) -> Result<(), Failed> {
     lines.iter().try_for_each(|line| ask(world, line.as_ref()).map(drop))
 }

@@ -19,7 +19,6 @@ pub enum Error {
 }
 
 impl Error {
-    /// Makes an [`Error::Input`] from a value that can be printed.
     pub fn input(text: impl fmt::Display) -> Self {
         Self::Input(text.to_string())
     }

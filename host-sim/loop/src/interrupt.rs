@@ -6,7 +6,6 @@ use crate::error::Error;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// The flag, which is set when the command must end.
 pub fn flag() -> &'static AtomicBool {
     &REQUESTED
 }

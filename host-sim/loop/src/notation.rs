@@ -2,7 +2,7 @@
 
 /// Thin space between groups of three digits. No language uses this space as a decimal sign.
 const GROUP_SEPARATOR: char = '\u{2009}';
-/// Whole parts of at least this many digits are grouped. Shorter numbers are easier to read in one piece.
+/// Smallest number of digits of a whole part that is grouped. Shorter numbers are easier to read in one piece.
 const GROUPED_FROM_DIGITS: usize = 5;
 
 /// A number with a true minus sign and grouped thousands, such as `−12 345.6`.

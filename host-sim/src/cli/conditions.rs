@@ -35,10 +35,6 @@ pub struct Judged {
 }
 
 impl Judged {
-    /// Sets the options in the scene.
-    ///
-    /// # Errors
-    /// The options do not suit the scene.
     pub fn apply(self, named: &mut NamedScene) -> Result<(), Error> {
         let scene = &mut named.scene;
         let hit = &mut scene.wall_hit;

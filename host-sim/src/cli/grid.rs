@@ -160,7 +160,7 @@ struct ProbableJson<'a> {
     numeric: &'static str,
     points: u64,
     draws: u32,
-    /// Number of walls that are stable in at least 95 % of the draws. The next fields are for 50 % and for 5 %.
+    /// Number of walls that are stable in at least 95 % of the draws.
     held_by_95_percent: u64,
     held_by_50_percent: u64,
     held_by_5_percent: u64,

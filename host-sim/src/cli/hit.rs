@@ -72,8 +72,8 @@ struct Json<'a> {
     port_taken_j: f64,
     /// Largest net energy that the wall has given in any contact, in J.
     port_given_j: f64,
-    /// The passivity controller changed this fraction of the outputs in contact. The next field is the fraction of the
-    /// force that the controller withheld.
+    /// Fraction of the outputs in contact that the passivity controller changed. `port_withheld_fraction` is the
+    /// fraction of the force that the controller withheld.
     #[serde(skip_serializing_if = "Option::is_none")]
     port_limited_fraction: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -76,8 +76,8 @@ struct Json {
     heaviest_damping_n_s_per_m: f64,
     /// Largest energy that the wall gives in a contact with the passivity controller. `null` without the controller.
     passivity_reserve_j: Option<f64>,
-    /// Speed that the free handle reaches under full force until a fault has switched the force off. The next field is
-    /// the distance that the handle travels in this time.
+    /// Speed that the free handle reaches under full force until a fault has switched the force off. `fault_travel_m`
+    /// is the distance that the handle travels in this time.
     fault_speed_m_per_s: f64,
     fault_travel_m: f64,
     /// Voltages at rest and at full command, as fractions of the analogue supply. `null` if the input is not used.
@@ -414,7 +414,7 @@ impl Said<'_> {
         lines.join("\n")
     }
 
-    /// The criterion for a stable wall that the sweeps of the envelope use.
+    /// The criterion by which the sweeps of the envelope judge a stable wall.
     fn judged_by(&self) -> String {
         let wall_hit = &self.scene.wall_hit;
         let limit = match wall_hit.criterion {

@@ -60,7 +60,6 @@ struct PlanJson {
     subject: Subject,
     scenes: u64,
     points_per_unit: u64,
-    /// Number of points that the trial computes.
     trial_points: u64,
     threads: usize,
     hits: f64,

@@ -84,10 +84,7 @@ impl AgreeReport<'_> {
         versioned(self.found.table()).csv()
     }
 
-    /// The figure. It shows both boundaries, and the boundary that the best explanation predicts.
-    ///
-    /// # Errors
-    /// The figure cannot be drawn.
+    /// Both boundaries, and the boundary that the best explanation predicts.
     pub fn figure(&self) -> Result<Figure, FigureError> {
         let curve = |name: &str, detail: String, of: &dyn Fn(usize) -> f64| {
             let point = |(place, row): (usize, &crate::analysis::agree::Row)| BoundaryPoint {

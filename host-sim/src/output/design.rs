@@ -57,7 +57,6 @@ pub struct FilterRow {
     /// The coefficients of both sections, if the filter has two.
     #[serde(skip_serializing_if = "Option::is_none")]
     sections: Option<Vec<SectionRow>>,
-    /// The table `[velocity]` of a scene.
     velocity: VelocityTable,
     sweep: SweepKeys,
 }
@@ -355,9 +354,6 @@ impl Designs {
     }
 
     /// Three plots of the area. Their x axes are the gain peak, the roughness, and the loss of a mistuned filter.
-    ///
-    /// # Errors
-    /// The figure cannot be drawn.
     pub fn figure(&self, scene: &str) -> Result<Figure, FigureError> {
         type Value = fn(&Designed) -> f64;
         let values: [(&str, f64, Value); 4] = [

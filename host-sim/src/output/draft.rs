@@ -11,8 +11,8 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-/// The names of drafts and backups start with this text. The constants below are the ends of these names. A backup
-/// stays until the result is complete.
+/// The names of drafts and backups start with this text, and end with `DRAFT` or `BACKUP`. A backup stays until the
+/// result is complete.
 const PREFIX: &str = ".zwidth-";
 const DRAFT: &str = ".draft";
 const BACKUP: &str = ".backup";

@@ -20,7 +20,7 @@ fn noise(value: f64) -> String {
     if (0.01..1e4).contains(&value) { digits(value) } else { format!("{value:.2e}") }
 }
 
-/// The figure shows the boundaries of this many changes.
+/// Number of changes whose boundaries the figure shows.
 const DRAWN: usize = 4;
 
 /// The factor by which the area changes, with its range. A `?` means that the start positions cannot distinguish the
@@ -151,10 +151,7 @@ impl ExplainReport<'_> {
         report::table(&columns, rows)
     }
 
-    /// The figure. It shows the boundaries of the scene and of the best changes.
-    ///
-    /// # Errors
-    /// The figure cannot be drawn.
+    /// The boundaries of the scene and of the best changes.
     pub fn figure(&self) -> Result<Figure, FigureError> {
         let Explanation { base, changes, .. } = self.found;
         let curve = |one: &Explained| {

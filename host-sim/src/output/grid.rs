@@ -49,9 +49,6 @@ impl Grid {
     }
 
     /// Makes the row of a wall. Also returns whether the wall is stable.
-    ///
-    /// # Errors
-    /// The hit has failed.
     pub fn row(
         &mut self,
         wall: &WallHit,

@@ -21,7 +21,7 @@ use crate::{
     },
 };
 
-/// Areas in the tables for people are divided by this number, so their unit is 10^6 N^2 s/m^2.
+/// Divisor of the areas in the tables for people. So their unit is 10^6 N^2 s/m^2.
 const MILLION: f64 = 1e6;
 /// Cells that give the limit, estimator and cutoff of a row. A row without a cutoff is for the true velocity.
 pub(super) fn limit_cells(limit: Limit, cutoff_hz: Option<f64>) -> [(&'static str, Cell); 4] {
@@ -35,7 +35,7 @@ pub(super) fn limit_cells(limit: Limit, cutoff_hz: Option<f64>) -> [(&'static st
     ]
 }
 
-/// Cells that give the number of walks and the grid of K and B on which they walk.
+/// Cells that give the number of walks, and the grid of K and B of these walks.
 pub(super) fn walk_cells(walks: u64, walk: &Walk) -> impl Iterator<Item = (&'static str, Cell)> {
     let grid = GRID.into_iter().zip(grid(walk).map(Cell::Number));
     [("walks", Cell::Whole(walks))].into_iter().chain(grid)
@@ -84,7 +84,7 @@ fn share(area: f64, result: &LimitResult) -> Option<f64> {
     result.told_area().filter(|told| *told > 0.0).map(|told| area / told)
 }
 
-/// The grid of K and B on which the walks go, as text for people.
+/// The grid of K and B of the walks, as text for people.
 pub(super) fn grid_text(walk: &Walk) -> String {
     let [k, dk, k_max, b, db, b_max] = grid(walk);
     format!("K from {k} by {dk} to {k_max} N/m, B from {b} by {db} to {b_max} N s/m")

@@ -43,10 +43,7 @@ pub fn lengths_csv(study: &PassiveStudy) -> String {
     versioned(study.length_table()).csv()
 }
 
-/// The figure. It shows the boundaries for the first limit, without and with the controller.
-///
-/// # Errors
-/// The figure cannot be drawn.
+/// The boundaries for the first limit, without and with the controller.
 pub fn figure(study: &PassiveStudy, scene: &NamedScene) -> Result<Figure, FigureError> {
     let first = study.rows.first().map(|row| row.limit);
     let rows = study.rows.iter().filter(|row| Some(row.limit) == first);

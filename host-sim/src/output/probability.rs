@@ -21,7 +21,7 @@ use crate::{
     },
 };
 
-/// For each of these shares of the draws there is a contour: the walls that are stable in at least this share.
+/// Shares of the draws that have a contour: the walls that are stable in at least this share.
 const SHARES: [f64; 3] = [0.05, 0.5, 0.95];
 
 /// The confidence interval of the area in the worst 5 % of the draws, as text for people.
@@ -37,7 +37,6 @@ fn interval(c: &CutoffProbability) -> String {
 pub struct ProbabilityStudy {
     /// One map per cutoff, in ascending order.
     pub maps: Vec<Map>,
-    /// What the draws say about the cutoffs.
     pub verdicts: Verdicts,
     /// The firmware's contour. It was tried at the cutoff whose area in the worst draws is largest.
     pub tried: Option<Tried>,
@@ -190,10 +189,7 @@ impl ProbabilityStudy {
         tried.map(of).into_iter().collect()
     }
 
-    /// The figure with the contours at the leading cutoff.
-    ///
-    /// # Errors
-    /// The figure cannot be drawn.
+    /// The contours at the leading cutoff.
     pub fn figure(&self, scene: &NamedScene) -> Result<Option<Figure>, FigureError> {
         let Some(map) = self.leading() else { return Ok(None) };
         let points = |intervals: &[Interval]| {

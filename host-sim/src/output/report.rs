@@ -58,7 +58,6 @@ pub struct Report {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReportFigure {
     pub figure: Figure,
-    /// What the figure shows, as a sentence.
     pub caption: String,
 }
 

@@ -13,7 +13,7 @@ use crate::{
     interrupt,
 };
 
-/// A command should end within this time. This time and [`LAST_WORDS`] together are well below a second.
+/// Time within which a command should end. This time and [`LAST_WORDS`] together are well below a second.
 const GRACE: Duration = Duration::from_millis(400);
 /// Time in which the error message must be printed, because the reader of stderr may hang.
 const LAST_WORDS: Duration = Duration::from_millis(100);

@@ -59,9 +59,6 @@ impl Format {
     }
 
     /// Checks that this build has the format. `what` names the option that needs the format.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if this build lacks the format.
     pub fn is_there(self, what: &str) -> Result<(), Error> {
         if self == Self::Csv || cfg!(feature = "open-files") {
             return Ok(());

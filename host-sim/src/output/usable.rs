@@ -19,10 +19,7 @@ pub fn csv(study: &UsableStudy) -> String {
     versioned(study.table()).csv()
 }
 
-/// The figure. It shows the largest usable K of each estimator over B, within the smallest error limit.
-///
-/// # Errors
-/// The figure cannot be drawn.
+/// The largest usable K of each estimator over B, within the smallest error limit.
 pub fn figure(study: &UsableStudy, scene: &NamedScene) -> Result<Figure, FigureError> {
     let limits = study.question.limits.iter().copied();
     let limit = limits.reduce(f64::min).unwrap_or(f64::INFINITY);

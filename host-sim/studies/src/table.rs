@@ -65,7 +65,6 @@ impl Cell {
     }
 }
 
-/// Writes a cell as a JSON value.
 impl Serialize for Cell {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
@@ -81,7 +80,6 @@ impl Serialize for Cell {
 /// A column for rows of type `R`: its name, its kind, and the function from a row to its cell.
 pub type Told<R> = (&'static str, Kind, fn(&R) -> Cell);
 
-/// Name and kind of a column.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Column {
     /// Name of the column. It ends in the unit.
@@ -89,7 +87,6 @@ pub struct Column {
     pub kind: Kind,
 }
 
-/// A table: named columns and rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     pub columns: Vec<Column>,
@@ -122,13 +119,11 @@ pub fn csv_line(cells: &[Cell]) -> String {
 }
 
 impl Table {
-    /// A table that has these columns and no rows yet.
     pub fn new<N: Into<String>>(columns: impl IntoIterator<Item = (N, Kind)>) -> Self {
         let column = |(name, kind): (N, Kind)| Column { name: name.into(), kind };
         Self { columns: columns.into_iter().map(column).collect(), rows: vec![] }
     }
 
-    /// A table of `rows` with these columns.
     pub fn of<R>(columns: &[Told<R>], rows: &[R]) -> Self {
         let mut table = Self::new(columns.iter().map(|(name, kind, _)| (*name, *kind)));
         let cells = |row: &R| columns.iter().map(|(.., cell)| cell(row)).collect();

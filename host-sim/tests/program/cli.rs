@@ -292,7 +292,7 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     assert!(refused(folder.path(), &odd).contains(".svg and .png"));
 }
 
-/// Tests the default build. `.ci/open-files` tests the build with these formats.
+/// Tests the build without Parquet and MCAP. `.ci/open-files` tests the build with these formats.
 #[test]
 fn a_build_without_parquet_and_mcap_says_so_and_writes_nothing() {
     let folder = TempDir::new().unwrap();

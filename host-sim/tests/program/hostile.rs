@@ -18,9 +18,9 @@ use crate::{
     identify_command::log_of,
 };
 
-/// A program must end within this time after a signal.
+/// Longest time from a signal to the end of a program.
 const ENDS_IN: Duration = Duration::from_secs(1);
-/// A command that is not interrupted must end within this time. Otherwise the test kills it.
+/// Longest time of a command that is not interrupted. After this time the test kills the command.
 const TAKES: Duration = Duration::from_secs(20);
 
 /// The command, limited to 2 GB of address space. It has more threads than processors.

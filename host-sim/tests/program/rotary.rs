@@ -20,7 +20,7 @@ const BY_HAND: &str = include_str!("paddle/by-hand.toml");
 const IN_WORDS: [&str; 5] = ["change", "what", "cost", "answers", "reason"];
 /// Relative tolerance for numbers in texts, because these numbers have four digits.
 const READ: f64 = 1e-3;
-/// What the encoder's counts are counted per, in a rotary scene and in a linear scene.
+/// What the texts count the encoder's counts per: for a rotary scene, and for a linear scene.
 const COUNTS: [(&str, &str); 1] = [("turn of the handle", "mm of handle")];
 
 /// A scene file with a fixed name, in its own folder.

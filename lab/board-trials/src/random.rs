@@ -7,7 +7,6 @@ use host_sim::notation::rounded;
 pub struct Random(pub u64);
 
 impl Random {
-    /// The random numbers of case `number` of a seed.
     pub fn of_case(seed: u64, number: u64) -> Self {
         Self(seed.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(number))
     }

@@ -92,7 +92,6 @@ impl<T: Float + Signal> Step for Direct2Transposed<T> {
     }
 }
 
-/// State-variable form with trapezoidal integrators.
 #[derive(Clone, Copy, Debug)]
 pub struct StateVariable<T> {
     g: T,

@@ -16,7 +16,6 @@ fn power(bits: u32) -> f64 {
     (1u64 << bits) as f64
 }
 
-/// State-variable form with trapezoidal integrators.
 #[derive(Clone, Copy, Debug)]
 pub struct StateVariable<W: Word> {
     g: W,

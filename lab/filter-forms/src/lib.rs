@@ -157,7 +157,6 @@ impl Step for Core {
 }
 
 pub trait Step: Copy {
-    /// Number type of input and output.
     type Signal: Signal;
 
     fn step(&mut self, x: Self::Signal) -> Self::Signal;
@@ -185,8 +184,7 @@ pub trait Visit {
 
 impl Filter {
     /// A filter at rest. `q15_fraction` is the number of fractional bits of a signal in Q15, up to 15. The full scale
-    /// of Q15 is `2^(15
-    /// - q15_fraction)` counts per sample.
+    /// of Q15 is `2^(15 - q15_fraction)` counts per sample.
     ///
     /// # Errors
     /// The format cannot have this cutoff.

@@ -12,7 +12,7 @@ pub trait Signal: Copy {
     fn to_counts(self, fraction: u32) -> f64;
 }
 
-/// One count per sample is this number of LSB of the core's velocity.
+/// Number of LSB of the core's velocity in one count per sample.
 const PER_COUNT: f64 = 65_536.0;
 
 impl Signal for i32 {

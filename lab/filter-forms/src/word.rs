@@ -23,7 +23,6 @@ pub trait Wide:
     fn clipped_add(self, other: Self) -> Self;
 }
 
-/// A word for a signal or a coefficient.
 pub trait Word: Copy + PartialEq {
     type Wide: Wide;
     const BITS: u32;

@@ -42,7 +42,6 @@ pub struct Exact {
     pub area_spread: f64,
 }
 
-/// Limits that a filter can exceed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Criterion {
     /// Error of the response.

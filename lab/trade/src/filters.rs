@@ -47,8 +47,8 @@ pub struct Filters {
 /// The variant whose areas are the reference, because it is nearest to the exact filter.
 pub const REFERENCE: Variant = Variant { format: Format::F64, form: Form::StateVariable };
 
-/// The time of an update on this machine is measured at this cutoff, given as a share of the sample rate. Every format
-/// can have this cutoff.
+/// Cutoff at which the time of an update on this machine is measured, as a share of the sample rate. Every format can
+/// have this cutoff.
 const TIMED_AT: f64 = 0.15;
 
 /// Measures all filters. `done` is called after each walk and each filter.

@@ -4,7 +4,7 @@ use filter_forms::Filter;
 
 use super::{Bench, LSB_PER_COUNT, larger, reference::Reference};
 
-/// The handle moves for this number of periods of the cutoff before it reverses. The output is then measured for
+/// Number of periods of the cutoff for which the handle moves before it reverses. The output is then measured for
 /// `AFTER` periods. The overshoot comes 0.7 periods after the reversal.
 const BEFORE: f64 = 2.0;
 const AFTER: f64 = 1.2;

@@ -55,9 +55,7 @@ use sim_studies::{analysis, study};
 /// Settings that all filters of a scene share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bench {
-    /// Sample rate, in Hz.
     pub rate_hz: f64,
-    /// Length of a count, in m.
     pub resolution_m: f64,
     /// Number of fractional bits of a signal in Q15.
     pub q15_fraction: u32,
@@ -92,12 +90,10 @@ impl Bench {
         self.resolution_m * self.rate_hz
     }
 
-    /// A new filter at rest.
     pub fn filter(&self, variant: Variant, cutoff_hz: f64) -> Result<Filter, Refused> {
         Filter::new(variant, cutoff_hz, self.rate_hz, self.q15_fraction)
     }
 
-    /// Number of samples in `periods` periods of the cutoff.
     fn samples(&self, periods: f64, cutoff_hz: f64) -> u32 {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         let samples = (periods * self.rate_hz / cutoff_hz).ceil() as u32;
@@ -114,7 +110,7 @@ fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 
-/// One count per sample is this number of LSB of the core's velocity.
+/// Number of LSB of the core's velocity in one count per sample.
 const LSB_PER_COUNT: f64 = 65_536.0;
 
 /// The default cutoffs. They begin at 0.1 Hz and have the steps 1, 2 and 5 in each decade. The last one is 0.45 of the

@@ -5,10 +5,9 @@ use filter_forms::Filter;
 
 use super::{Bench, larger, reference::Reference};
 
-/// Speed of the ramp, in counts per sample. The number is no simple fraction, because the speed of a hand is none
-/// either.
+/// Speed of the ramp, in counts per sample. The number is no simple fraction, as with the speed of a real hand.
 pub const RAMP_COUNTS: f64 = 0.123_606_797_749_978_97;
-/// A measurement has at least this number of samples, and at least `PERIODS` periods of the cutoff.
+/// Smallest number of samples of a measurement. It also has at least `PERIODS` periods of the cutoff.
 const SAMPLES_MIN: u32 = 100_000;
 const PERIODS: f64 = 8.0;
 

@@ -10,7 +10,6 @@ fn improved(start: f64, next: impl Fn(Double) -> Double) -> Double {
     (0..3).fold(start.into(), |value, _| next(value))
 }
 
-/// The reference filter with its state.
 #[derive(Clone, Copy, Debug)]
 pub struct Reference {
     g: Double,

@@ -11,9 +11,10 @@ use super::{Bench, LSB_PER_COUNT, larger, tone::Tone};
 pub const PLACES: [f64; 6] = [0.25, 0.5, 0.7, 1.0, 1.4, 2.0];
 /// The highest measured frequency, as a share of the sample rate.
 pub const HIGHEST: f64 = 0.45;
-/// After this number of periods of the cutoff, the transient of the exact filter is below 10^-15.
+/// Number of periods of the cutoff after which the transient of the exact filter is below 10^-15.
 pub const SETTLE_PERIODS: f64 = 8.0;
-/// The search for the -3 dB frequency needs a gain of 0.707 within this relative error. Otherwise it has no result.
+/// Largest relative error of the gain of 0.707 in the search for the -3 dB frequency. With a larger error the search
+/// has no result.
 const FOUND: f64 = 1e-3;
 
 /// The exact response at a frequency in cycles per sample.

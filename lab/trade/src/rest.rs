@@ -5,10 +5,10 @@ use filter_forms::Filter;
 
 use super::{Bench, LSB_PER_COUNT, larger};
 
-/// After this number of periods of the cutoff, the exact output is below 10^-38 of its value at the stop.
+/// Number of periods of the cutoff after which the exact output is below 10^-38 of its value at the stop.
 const PERIODS: f64 = 20.0;
-/// After these periods, the output is measured for at least this number of samples, and for at least `WATCHED_PERIODS`
-/// periods of the cutoff.
+/// Smallest number of samples for which the output is measured after `PERIODS` periods. It is also measured for at
+/// least `WATCHED_PERIODS` periods of the cutoff.
 const WATCHED: u32 = 5000;
 const WATCHED_PERIODS: f64 = 1.0;
 /// Smallest number of samples for which the handle moves at random.

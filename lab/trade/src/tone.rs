@@ -11,7 +11,7 @@ pub struct Tone {
     /// Frequency in cycles per sample.
     pub frequency: f64,
     window: u32,
-    /// Input at each sample of the window, LSB of the core's velocity.
+    /// Input at each sample of the window, in LSB of the core's velocity.
     input: Vec<i32>,
     /// Cosine and sine at each sample of the window.
     phasor: Vec<Complex<f64>>,

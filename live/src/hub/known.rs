@@ -36,7 +36,6 @@ pub struct Stopped {
     pub ms: f64,
 }
 
-/// What is known about the board.
 #[derive(Debug, Default)]
 pub struct Known {
     /// The newest record of an output. Records from the black box are not stored here.

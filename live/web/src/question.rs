@@ -41,7 +41,6 @@ pub struct Question {
     pub walked: Vec<study::Walked>,
 }
 
-/// An answer: a JSON value and blocks of bytes.
 pub type Answered = Result<(Value, Vec<Vec<u8>>), Error>;
 
 impl Question {
@@ -75,9 +74,6 @@ impl Question {
     }
 
     /// The board that the question names.
-    ///
-    /// # Errors
-    /// No board has this name.
     pub fn board(&self) -> Result<Board, Error> {
         Board::asked(self.board.as_deref().unwrap_or(NUCLEO_F446RE.name))
     }

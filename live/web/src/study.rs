@@ -144,7 +144,6 @@ pub fn hit(question: &Question) -> Answered {
     Ok((answer, vec![in_units::csv(units, trace::csv(&samples)).into_bytes()]))
 }
 
-/// The cutoffs of a sweep.
 pub fn cutoffs(question: &Question) -> Answered {
     let scene = question.scene()?;
     if !scene.scene.velocity.has_cutoff() {
@@ -154,7 +153,6 @@ pub fn cutoffs(question: &Question) -> Answered {
     Ok((json!({ "cutoffs_hz": ascending(&scene.scene.sweep.cutoffs_hz) }), vec![]))
 }
 
-/// Walks some cutoffs of a sweep.
 pub fn walk(question: &Question) -> Answered {
     let scene = question.scene()?;
     let prepared = asked::prepare(&scene)?;

@@ -1,8 +1,7 @@
 //! RTT's control block. It is in RAM, and the host writes there too. So the program checks a buffer's address and size
 //! before each use.
 
-/// Size of each channel's buffer, in bytes. The order is that of the control block: up channels 0, 1 and 2, then down
-/// channel 0.
+/// Sizes of the buffers in bytes: up channels 0, 1 and 2, then down channel 0.
 const SIZES: [u32; 4] = [4096, 8192, 1024, 256];
 
 unsafe extern "C" {
@@ -10,11 +9,11 @@ unsafe extern "C" {
     static _SEGGER_RTT: u32;
 }
 
-/// Number of words of a channel: its name, its buffer's address and size, the offsets of writer and reader, and flags.
+/// Number of words that describe a channel. They are name, buffer, size, write offset, read offset and flags.
 const WORDS: usize = 6;
 
-/// Folds names, buffers and sizes of all channels into one word. They do not change after set-up, because a host writes
-/// only the other words of the control block. So a changed sum shows a wrong control block.
+/// Folds names, buffers and sizes of all channels into one word. After set-up a host writes only the other words of the
+/// control block. So a changed sum shows that the control block is damaged.
 #[inline(always)]
 pub(in crate::board) fn sum() -> u32 {
     let mut sum = 0u32;
@@ -26,8 +25,8 @@ pub(in crate::board) fn sum() -> u32 {
     sum
 }
 
-/// Address of a channel's buffer, as it was at set-up. A host can write into the control block. If it wrote a wrong
-/// address or size there, the program would write into the memory of a task.
+/// Address of a channel's buffer, stored at set-up. A host can change the address in the control block. If the program
+/// used a wrong address, it would write into the memory of a task.
 pub(in crate::board) struct Buffer {
     channel: usize,
     address: u32,

@@ -5,8 +5,8 @@ use zwidth::device::record::WORDS_MAX;
 
 const BYTES: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/device.record"));
 
-/// The record that the build puts into the image. No code reads it by this name. So the compiler cannot assume its
-/// content, and if another record is programmed later, the program reads that record.
+/// The record that the build puts into the image. Another record may be programmed over it later. No code reads it by
+/// this name, so that the compiler cannot assume its content.
 #[used]
 // SAFETY: the section holds nothing else, and memory.x keeps a whole sector for it.
 #[unsafe(link_section = ".device")]

@@ -4,8 +4,8 @@ use core::{ptr, slice};
 
 use zwidth::image::Image;
 
-// SAFETY: words of flash that nothing writes while this runs. Only the seal is read. Of the other symbols only the
-// address is used.
+// SAFETY: words of flash that nothing writes while the program runs. Only the seal is read. Of the other symbols only
+// the address is used.
 unsafe extern "C" {
     safe static __vector_table: u32;
     safe static _seal: [u32; 1];
@@ -32,7 +32,7 @@ pub fn image() -> Image<'static> {
 
 fn words(from: *const u32, to: usize) -> &'static [u32] {
     let from = from.expose_provenance();
-    // SAFETY: flash from one name of the linker to the next; both lie at multiples of four.
+    // SAFETY: the words are flash between two symbols of the linker. Both addresses are multiples of four.
     unsafe {
         slice::from_raw_parts(ptr::with_exposed_provenance(from), (to - from) / size_of::<u32>())
     }

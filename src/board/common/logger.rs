@@ -30,8 +30,8 @@ struct State {
 
 struct Shared(UnsafeCell<State>);
 
-// SAFETY: the contents are touched only between `mask::raise` and `mask::restore`, which exclude every task that may
-// log; any other task traps in `raise`.
+// SAFETY: the contents are touched only between `mask::raise` and `mask::restore`. Between these two no other task that
+// may log can run. In any other task `raise` traps.
 unsafe impl Sync for Shared {}
 
 static STATE: Shared = Shared(UnsafeCell::new(State {

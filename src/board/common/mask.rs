@@ -41,8 +41,8 @@ pub(in crate::board) fn raise() -> u8 {
 /// Ends the critical section that [`raise`] began. `before` is the result of [`raise`].
 #[inline(always)]
 pub(in crate::board) fn restore(before: u8) {
-    // SAFETY: `before` is what BASEPRI was before the matching `raise`; accesses that it guarded
-    // stay before this, because the assembly may touch memory.
+    // SAFETY: `before` is the value that BASEPRI had before the matching `raise`. The assembly may touch memory, so the
+    // compiler moves no guarded access behind it.
     unsafe {
         asm!("msr BASEPRI, {before}", before = in(reg) u32::from(before), options(nostack, preserves_flags));
     }

@@ -19,11 +19,8 @@ use super::control_block::Buffer;
 pub use super::logger::dropped as log_dropped;
 
 pub struct Channels {
-    /// RTT's up channel 1, for telemetry.
     pub telemetry: UpLink,
-    /// RTT's up channel 2, for replies to commands.
     pub replies: UpLink,
-    /// RTT's down channel 0, for commands from the host.
     pub commands: Commands,
 }
 
@@ -54,7 +51,7 @@ impl contract::CommandChannel for Commands {
     }
 }
 
-/// Sets up the channels, and gives up channel 0 to the logger. Call it only once.
+/// Sets up the channels, and gives channel 0 to the logger. Call it only once.
 pub(in crate::board) fn init() -> Channels {
     let channels = rtt_init! {
         up: {

@@ -1,6 +1,6 @@
-//! The first checks at boot: is it the right chip, and is the 8 MHz clock there, from which all other clocks are made?
-//! If the chip is wrong or the clock is missing, the board reports it and stops here. All pins then stay as after
-//! reset.
+//! Checks at boot whether the chip is the right one, and whether the 8 MHz clock is present. All other clocks are made
+//! from it. If the chip is wrong or the clock is missing, the board reports it and stops here. All pins then stay as
+//! after reset.
 
 use stm32f4xx_hal::pac;
 use zwidth::contract::UpChannel as _;

@@ -46,7 +46,7 @@ impl ForceOutput for Output {
         }
     }
 
-    /// Does nothing, because a DAC has no clock of its own that must be started.
+    /// Does nothing, because a DAC has no clock to start.
     fn start() {}
 }
 

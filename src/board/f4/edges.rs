@@ -19,7 +19,7 @@ use super::f4::encoder::{EdgeTimes, FILTER};
 const INPUTS: u32 = 0b01 << 8 | 0b01 | FILTER << 12 | FILTER << 4;
 /// CCER: both channels are on and capture rising and falling edges (`CCxE`, `CCxP`, `CCxNP`).
 const BOTH_EDGES: u32 = 0b1011 << 4 | 0b1011;
-/// SR: each flag says that its channel has a capture that was not read yet.
+/// Flags in SR. Each one means that its channel has an unread capture.
 const CAPTURED: [u32; 2] = [1 << 1, 1 << 2];
 
 /// The timer that captures the edges. `TICKS` is the number of its ticks per sample. Like TIM2 and TIM5, TIM3 runs at

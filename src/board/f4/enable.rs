@@ -73,7 +73,7 @@ pub(in crate::board) fn registers() -> &'static pac::tim1::RegisterBlock {
 pub struct Enable(());
 
 impl Enable {
-    /// TIM1 with a clock and in its reset state, in which it drives no pin.
+    /// Gives TIM1 a clock and resets it. In its reset state it drives no pin.
     pub fn new(rcc: &mut Rcc) -> Self {
         pac::TIM1::enable(rcc);
         pac::TIM1::reset(rcc);

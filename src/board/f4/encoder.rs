@@ -27,7 +27,6 @@ impl EdgeTimes for () {
     }
 }
 
-/// The counter of the quadrature decoder.
 pub struct Encoder<E = ()> {
     timer: pac::TIM2,
     edges: E,
@@ -55,7 +54,7 @@ impl<E> Encoder<E> {
 
 impl<E: EdgeTimes> contract::Encoder for Encoder<E> {
     fn start() {
-        // SAFETY: the address is TIM2's; no sample has come, and after this nothing writes this register.
+        // SAFETY: the address is TIM2's. No sample has come yet, and after this store nothing writes this register.
         let timer = unsafe { &*pac::TIM2::ptr() };
         timer.cr1().modify(|_, w| w.cen().set_bit());
     }

@@ -11,7 +11,7 @@ use zwidth::{
 
 use super::supply::Supply;
 
-/// The backup RAM, 4 KiB.
+/// Address of the backup RAM, which has 4 KiB.
 const ADDRESS: *mut [u32; FaultRecord::WORDS] = ptr::without_provenance_mut(0x4002_4000);
 
 pub struct FaultMemory(());

@@ -9,7 +9,7 @@ const TASKS: [Interrupt; 4] = [Interrupt::TIM5, Interrupt::SPI3, Interrupt::PVD,
 /// The lowest of the 16 priorities.
 const LOWEST: u8 = 0xF0;
 
-/// Number of interrupts of the chip that has most of them.
+/// Number of interrupts of the chip with the most interrupts.
 const COUNT: usize = 97;
 
 /// Gives all other interrupts and the system handlers the lowest priority, below the fault handlers. The handler of all
@@ -25,7 +25,8 @@ pub fn set_up(core: &mut cortex_m::Peripherals) {
     }
     use SystemHandler::{DebugMonitor, PendSV, SVCall, SysTick};
     for handler in [SVCall, DebugMonitor, PendSV, SysTick] {
-        // SAFETY: as above; nothing raises them.
+        // SAFETY: nothing raises these exceptions. Their new priority is below the priority of every task except
+        // `link`.
         unsafe { core.SCB.set_priority(handler, LOWEST) };
     }
 }

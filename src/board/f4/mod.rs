@@ -62,7 +62,6 @@ pub trait Wiring: Sized {
     const SENSES: &'static [Sense];
     const LATENCY_SAMPLES: f64;
     type Force: ForceOutput;
-    /// The encoder, with edge times or without.
     type Encoder: Encoder;
     type StopInput: InputPin;
 
@@ -144,27 +143,22 @@ pub struct Wires<W: Wiring> {
 
 /// The peripherals that the board's file does not use. Every board with an STM32F4 passes them to [`Chip::finish`].
 pub struct Peripherals {
-    /// Timer of the samples.
     pub tim5: pac::TIM5,
-    /// Timer for halts by a debugger.
     pub tim6: pac::TIM6,
-    /// Timer of the output watchdog.
     pub tim8: pac::TIM8,
-    /// DMA controller that switches off for the output watchdog.
     pub dma2: pac::DMA2,
     /// Detector of a low supply.
     pub pwr: pac::PWR,
     /// Interrupt of the supply detector.
     pub exti: pac::EXTI,
-    /// Flash for the settings.
     pub flash: pac::FLASH,
     pub iwdg: pac::IWDG,
 }
 
 impl Chip {
-    /// Starts RTT, then the clock that `clock` describes. It is made from 8 MHz, which come from a crystal, or with
-    /// `external` from another chip. If the 8 MHz are missing, or if the chip is wrong, the board reports it and stops
-    /// here with all outputs off.
+    /// Starts RTT, then the clock that `clock` describes. This clock is made from 8 MHz. They come from a crystal, or
+    /// from another chip if `external` is true. If the 8 MHz are missing, or if the chip is wrong, the board reports it
+    /// and stops here with all outputs off.
     pub fn start<W: Wiring>(
         rcc: pac::RCC,
         clock: Config,

@@ -50,8 +50,8 @@ const NUMBER: usize = 1;
 /// Flag in SR (`UIF`): the timer has overflown.
 const OVERFLOWN: u32 = 1;
 
-/// TIM8. Its clock comes from APB2, but the clock of the sample timer comes from APB1. So `rate_is_wrong` compares the
-/// two: it finds a changed divider of one bus, and a count that stands still.
+/// TIM8. Its clock comes from APB2, but the clock of the sample timer comes from APB1. `rate_is_wrong` compares the
+/// two. So it finds a changed divider of one bus, and a count that stands still.
 pub struct OutputWatchdog {
     timer: pac::TIM8,
     rate: RateWatch<{ TICK_HZ / RATE_HZ }>,
@@ -89,7 +89,7 @@ impl OutputWatchdog {
 /// Starts the count again from zero. Each output does this.
 #[inline(always)]
 pub(super) fn begin_anew() {
-    // SAFETY: the address is TIM8's; any 16-bit value is a count, and nothing else writes it.
+    // SAFETY: the address is TIM8's. Any 16-bit value is a valid count, and nothing else writes it.
     unsafe { (*pac::TIM8::ptr()).cnt().write(|w| w.bits(0)) };
 }
 

@@ -1,4 +1,4 @@
-//! Reads the level of a pin or holds it low, directly by the registers of its port. It does not matter which peripheral
+//! Reads the level of a pin or holds it low, through the registers of the pin's port. This works whatever peripheral
 //! drives the pin.
 
 use core::ptr;
@@ -21,7 +21,7 @@ const INPUT: u32 = 0x10;
 const SET_CLEAR: u32 = 0x18;
 
 impl BoardPin {
-    /// The pin whose name in the data sheet has this port letter and this number.
+    /// The pin with this port letter and this number in the data sheet.
     pub const fn new(port: char, number: u32) -> Self {
         Self { port: GPIOA + PORT_BYTES * (port as u32 - 'A' as u32), number }
     }
@@ -41,7 +41,8 @@ impl BoardPin {
     pub fn hold_low(self) {
         let Self { port, number } = self;
         let mode = self.read(MODE) & !(0b11 << (2 * number)) | 0b01 << (2 * number);
-        // SAFETY: registers of this chip; low, then an output. Nothing else in this program writes them after `init`.
+        // SAFETY: registers of this chip. The pin is first set low, then made an output. Nothing else in this program
+        // writes these registers after `init`.
         unsafe {
             ptr::without_provenance_mut::<u32>((port + SET_CLEAR) as usize)
                 .write_volatile(1 << (16 + number));

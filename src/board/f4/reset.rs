@@ -3,7 +3,7 @@
 use stm32f4xx_hal::pac;
 use zwidth::safety::ResetCause;
 
-/// Reads the flags, and clears them so that the next start sees only its own.
+/// Reads the flags of the last reset, and clears them. Otherwise the next start would also see the old flags.
 pub(in crate::board) fn cause(rcc: &pac::RCC) -> ResetCause {
     let flags = rcc.csr().read();
     // Several flags can be set at once. Each cause also pulls the reset pin, and a loss of power sets further flags. So

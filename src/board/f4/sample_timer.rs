@@ -16,7 +16,7 @@ impl SampleTimer {
     pub fn new(timer: pac::TIM5, ticks: u32, rcc: &mut Rcc) -> Self {
         pac::TIM5::enable(rcc);
         pac::TIM5::reset(rcc);
-        // SAFETY: any 32-bit value is a period.
+        // SAFETY: any 32-bit value is a valid period.
         timer.arr().write(|w| unsafe { w.bits(ticks.wrapping_sub(1)) });
         timer.cr1().write(|w| w.urs().set_bit());
         timer.egr().write(|w| w.ug().set_bit());
@@ -27,14 +27,14 @@ impl SampleTimer {
 
 impl contract::SampleTimer for SampleTimer {
     fn start() {
-        // SAFETY: the address is TIM5's; after this nothing writes this register.
+        // SAFETY: the address is TIM5's. After this store nothing writes this register.
         let timer = unsafe { &*pac::TIM5::ptr() };
         timer.cr1().modify(|_, w| w.cen().set_bit());
     }
 
     #[inline(always)]
     fn is_late() -> bool {
-        // SAFETY: the address is TIM5's, of which this only reads.
+        // SAFETY: the address is TIM5's, and this function only reads.
         let timer = unsafe { &*pac::TIM5::ptr() };
         timer.cnt().read().bits() > timer.arr().read().bits() / 5 * 2
     }

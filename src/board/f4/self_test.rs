@@ -1,17 +1,5 @@
-//! The self-test of chip and board. It runs with the force off. The board cannot arm during a part of the test: only
-//! the console gives the order to arm, and the console itself is running the parts, one by one.
-//!
-//! | part | how | manual |
-//! |---|---|---|
-//! | chip | `DEV_ID` | RM0390 33.6.1, RM0090 38.6.1 |
-//! | brown-out reset | `BOR_LEV` of FLASH_OPTCR | RM0390 3.8.6, RM0090 3.9.10 |
-//! | image | vectors, CRC of all that is sealed | |
-//! | enable | TIM1_CH3's pin against MOE and the break input | RM0390 16.3.12, RM0090 17.3.12 |
-//! | output watchdog | MOE against time, without outputs | RM0390 16.4.4, 9.3.3, RM0090 17.4.4, 10.3 |
-//! | output | the board's own: `dac.rs`, `pwm.rs` | |
-//! | encoder | PC6 and PC8 give edges to A and B, by two wires | |
-//! | delay | TIM5's count when TIM2's was read | |
-//! | clock | LSI into TIM5's channel 4 (`TI4_RMP`) | RM0390 17.4.21, RM0090 18.4.22 |
+//! The self-test of chip and board. It runs with the force off. The board cannot arm during a part of the test, because
+//! the console runs the part, and only the console gives the order to arm.
 
 use core::{
     marker::PhantomData,
@@ -62,12 +50,12 @@ impl<W: Wiring> contract::SelfTest for SelfTest<W> {
         watchdog::renew();
         match part {
             Part::Chip => {
-                // SAFETY: the address is DBGMCU's; this only reads.
+                // SAFETY: the address is DBGMCU's, and this code only reads.
                 let id = unsafe { (*pac::DBGMCU::ptr()).idcode().read().dev_id().bits() };
                 Found::Chip { id: id.into(), expected: W::CHIP }
             }
             Part::BrownOutReset => {
-                // SAFETY: the address is the flash controller's; this only reads.
+                // SAFETY: the address is the flash controller's, and this code only reads.
                 let options = unsafe { (*pac::FLASH::ptr()).optcr().read().bits() };
                 Found::BrownOutReset { level: options >> 2 & 3, expected: W::BROWN_OUT_RESET }
             }
@@ -89,7 +77,7 @@ const RAM: core::ops::RangeInclusive<u32> = 0x2000_0000..=0x2002_0000;
 fn image() -> Found {
     let image = crate::board::image();
     let [vectors, ..] = image.parts;
-    // SAFETY: the address is the core's; this only reads.
+    // SAFETY: the address is the core's, and this code only reads.
     let in_force = unsafe { (*cortex_m::peripheral::SCB::PTR).vtor.read() };
     let stack = vectors.first().is_some_and(|top| RAM.contains(top) && top % 8 == 0);
     let leads = |&vector: &u32| vector == 0 || vector & 1 == 1 && FLASH.contains(&vector);
@@ -129,11 +117,12 @@ const BETWEEN_EDGES: u32 = 6;
 /// Makes edges of A and B alternately, and counts them. Two edges are a fifth of a microsecond apart, or more after an
 /// interrupt.
 fn counted(core_hz: u32) -> Found {
-    // SAFETY: the addresses are GPIOC's, of which only this uses two pins, and TIM2's, of which this reads the count.
+    // SAFETY: the addresses are those of GPIOC and TIM2. Of GPIOC only this function uses the two pins. Of TIM2 it only
+    // reads the count.
     let (port, counter) = unsafe { (&*pac::GPIOC::ptr(), &*pac::TIM2::ptr()) };
     let [a, b] = WIRES;
     let (high, low) = (|pin: u32| 1 << pin, |pin: u32| 1 << (16 + pin));
-    // SAFETY: two pins low, then outputs; all other pins stay.
+    // SAFETY: two pins are set low, then made outputs. All other pins stay unchanged.
     unsafe {
         port.bsrr().write(|w| w.bits(low(a) | low(b)));
         port.moder().modify(|r, w| w.bits(r.bits() | 0b01 << (2 * a) | 0b01 << (2 * b)));
@@ -216,7 +205,7 @@ fn oscillator_hz(timer_hz: u32) -> u32 {
         least = Some(least.map_or(ticks, |least: u32| least.min(ticks)));
         last = Some(now);
     }
-    // SAFETY: as after set-up.
+    // SAFETY: the registers get the values that they had after set-up.
     unsafe {
         timer.ccer().write(|w| w.bits(0));
         timer.ccmr2_input().write(|w| w.bits(0));

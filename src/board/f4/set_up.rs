@@ -51,7 +51,6 @@ macro_rules! fold {
     };
 }
 
-/// Returns the checksum of all these registers.
 #[inline(always)]
 fn sum() -> u32 {
     let mut sum = 0u32;
@@ -114,8 +113,8 @@ fn sum() -> u32 {
 pub struct SetUp {
     expected: Option<u32>,
     channels: Option<u32>,
-    /// The registers were wrong at an earlier check. The program then changed the mode of enable's pin itself. In the
-    /// sum this change could hide another one, so the fact is stored here.
+    /// Whether the registers were wrong at an earlier check. After such a check the program itself changes the mode of
+    /// the enable pin. In the checksum this change could cancel the wrong value.
     were_wrong: bool,
     enable: BoardPin,
 }

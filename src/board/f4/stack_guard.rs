@@ -21,7 +21,6 @@ unsafe extern "C" {
     static __sheap: u8;
 }
 
-/// Guards the stack from now on.
 pub fn set_up(mpu: &mut cortex_m::peripheral::MPU) {
     let end = (&raw const __sheap) as u32;
     // SAFETY: a region between the statics and the stack, where nothing is.

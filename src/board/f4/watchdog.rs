@@ -50,8 +50,8 @@ impl Watchdog {
 impl contract::Watchdog for Watchdog {
     fn feed(&mut self) {
         let iwdg = registers();
-        // While flash is written, the time is longer. But this task does not run then, so another time found here is an
-        // error.
+        // While flash is written, the watchdog has a longer time. This task does not run then, so another time is an
+        // error here.
         if iwdg.rlr().read().bits() != TIMEOUT_MS || iwdg.pr().read().bits() != PRESCALER {
             set_timeout(TIMEOUT_MS);
         }

@@ -42,8 +42,8 @@ const BYTES_A_PASS: usize = 256;
 pub(super) enum Awaited {
     /// A command whose reply is its name.
     Done(&'static str),
-    /// An order for the settings that are counted in outputs, with a new output period. After it the settings here are
-    /// ordered.
+    /// An order for the settings that are counted in outputs, with a new output period. It is the first of two orders.
+    /// The second one is for the settings in this variant.
     Period(Stored, ChangedSetting),
     /// An order for new settings. The fields are the settings that will be stored, and the change that the reply names.
     Settings(Stored, ChangedSetting),
@@ -79,7 +79,7 @@ pub struct Console<P> {
     pub(super) replies: ReplyChannel,
     reader: LineReader<LINE_MAX>,
     pub(super) stored: Doubled<Stored>,
-    /// Number of the design that the stored settings equal, or 0 if they equal none.
+    /// Number of the design that equals the stored settings, or 0 if there is none.
     pub(super) design: u8,
     awaited: Option<Awaited>,
     /// Newest output, and the state at this output. The state does not include a running series, which only the console
@@ -255,7 +255,6 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Orders these settings. The answer is then awaited.
     pub(super) fn order_settings(&mut self, stored: &Stored, order: Order, awaited: Awaited) {
         if let (Order::LoopParameters(parameters, _), Ok(design)) =
             (&order, self.device.design(stored))
@@ -342,7 +341,7 @@ impl<P: Port> Console<P> {
             (Awaited::Settings(stored, changed), Ok(())) => self.keep_changed(stored, changed),
             (Awaited::Save, Ok(())) => {
                 let saved = self.is_whole() && self.port.save(&self.stored);
-                // Flash is written.
+                // The write to flash has ended.
                 self.order(Order::Request(Request::Stall(false)), Awaited::Quiet);
                 self.reply(if saved { Reply::Done("save") } else { Reply::Failed("save") });
             }

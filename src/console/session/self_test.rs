@@ -1,5 +1,5 @@
 //! The command `selftest` tests the parts of the board one by one, each between two outputs. The board cannot arm
-//! during the test, and neither during `save`.
+//! during the test or during `save`.
 
 use super::{Awaited, Console};
 use crate::{

@@ -22,7 +22,6 @@ enum Next {
     /// Order the wall of the walk's present cell.
     Wall,
     Hit,
-    /// Wait for the verdict.
     Verdict,
 }
 
@@ -34,7 +33,7 @@ pub struct HitSeries {
     next: Next,
     /// Number of the next push in [`PUSHES`].
     push: usize,
-    /// Of the pushes at this wall so far, the hit with the largest RMS of the force.
+    /// Among the pushes at this wall so far, the hit with the largest RMS of the force.
     loudest: Option<JudgedHit>,
 }
 
@@ -157,7 +156,7 @@ impl<P: Port> Console<P> {
         self.restore_wall = true;
     }
 
-    /// The last order of the series was accepted.
+    /// Chooses the next step. The last order of the series was accepted.
     pub(super) fn advance(&mut self) {
         if let Some(series) = &mut self.series {
             series.next = match series.next {
@@ -180,7 +179,7 @@ impl<P: Port> Console<P> {
     /// Takes the output codes of the hit that is over, and judges the hit.
     #[inline(never)] // f64 here would make every pass save the floating-point registers
     pub(super) fn hit_codes(&mut self, codes: RunningVariance) {
-        // If there is no series, it was stopped meanwhile.
+        // Without a series, the series of this hit was stopped meanwhile.
         let (Some(mut hit), Some(series)) = (self.over.take(), self.series) else { return };
         let stored = series.settings(*self.stored);
         hit.quiet = self.quiet_window(&stored, &hit.counts, &codes);

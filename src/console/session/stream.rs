@@ -30,7 +30,6 @@ pub(in crate::console) struct Stream {
     count: usize,
     /// Number of the last sample whose count was sent.
     told: Option<u64>,
-    /// Values at the last sent key.
     key: Option<Mark>,
     /// The settings that `render` accepted last. `proposed` are the settings whose order is under way.
     accepted: Option<Chosen>,
@@ -109,7 +108,7 @@ impl<P: Port> Console<P> {
             self.stream.count = 0;
             return;
         }
-        // The design before a fault is no longer known, so a record of the black box has none.
+        // A record of the black box has no design, because the design before the fault is no longer known.
         if !record.flags.contains(Flags::REPLAY) {
             record.flags = record.flags.with_design(self.design);
         }

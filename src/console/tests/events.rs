@@ -62,7 +62,7 @@ fn a_calibration_says_its_force_when_it_holds_and_when_it_is_over() {
 }
 
 /// Outputs that are closer than a millisecond share a frame. An output begins a new frame if it does not directly
-/// follow the last output, or has other settings or another fault. When the period is long again, no output waits.
+/// follow the last output, or has other settings or another fault. With a long period, each output is sent at once.
 #[test]
 fn outputs_of_a_millisecond_share_a_frame() {
     use crate::telemetry::Decoder;

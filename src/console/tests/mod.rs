@@ -159,8 +159,7 @@ impl Bench {
         self.tell(Record { sample: 42, ..Record::EMPTY }, event);
     }
 
-    /// Reports an output with `record`. Checks that the lines that follow answer no command, unless `event` is an
-    /// answer.
+    /// Reports an output with `record`. Checks that the following lines answer no command, unless `event` is an answer.
     fn tell(&mut self, record: Record, event: Event) {
         let Self { status, activity, .. } = *self;
         let (before, answers) = (self.console.port.lines.len(), matches!(event, Event::Answer(_)));

@@ -169,7 +169,7 @@ fn a_return_that_is_taken_starts_and_one_that_cannot_start_is_refused_with_the_r
     }
 }
 
-/// The step of r is rounded up to a whole number of counts here, and the lead has the same number. r must take this
+/// Here the step of the reference r is rounded up to a whole number of counts, which is also the lead. r must take this
 /// step in both directions.
 #[test]
 fn a_step_as_long_as_the_lead_is_taken_on_either_side() {
@@ -236,7 +236,7 @@ fn a_setting_out_of_range_is_refused_with_the_range() {
     for (settings, name, low, high) in [
         (ReturnSettings { force_n: 1.0, ..base }, "return_force_n", 1.073_741_824, 536.870_912),
         (ReturnSettings { tolerance_m: 2.0, ..base }, "return_tolerance_m", 4e-6, 1.048_576),
-        // The gains are never that small: the next allowed value is 0.
+        // A damping gain cannot be so small. The next smaller allowed damping is 0.
         (
             ReturnSettings { damping_n_s_per_m: 1e-13, ..base },
             "return_damping_n_s_per_m",

@@ -40,7 +40,6 @@ struct Tasks {
     speed: f64,
     /// The outputs so far. Each has the number of its sample and its force.
     outputs: Vec<(u64, i32)>,
-    /// Whether the task `render` is stuck.
     stuck: bool,
     /// Number of samples from the moment when `render` was stuck until the task `sample` cut the output.
     cut_after: Option<u32>,

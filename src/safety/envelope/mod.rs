@@ -66,9 +66,9 @@ pub enum Outside {
     },
     /// K is outside the interval that is stable at this B.
     Stiffness {
-        /// Lowest K that is stable, N/m.
+        /// Lowest K that is stable, in N/m.
         lowest: f64,
-        /// Largest K that is stable, N/m.
+        /// Largest K that is stable, in N/m.
         highest: f64,
     },
     /// No K is predicted to be stable at this B.
@@ -217,7 +217,7 @@ mod tests {
         point(50.0, 0.0, 0.0),
     ];
 
-    /// Asks a table with these points.
+    /// Asks a table with these points whether it allows K and B.
     fn of(points: &[Point], key: &Key, k: f64, b: f64) -> Result<(), Outside> {
         let mut words = [0; 64];
         let words = Envelope::put(&[Boundary { key: KEY, points }], &mut words).unwrap();

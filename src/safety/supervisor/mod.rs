@@ -109,8 +109,8 @@ impl Supervisor {
         }
     }
 
-    /// Returns the output for the sample of `up`. Its force is what experiment and wall ask for, as far as it may act.
-    /// `guard` has the guard's findings. `control` must belong to the same sample. Write the output, then publish
+    /// Returns the output for the sample of `up`. Its force is the force of experiment and wall, limited to what may
+    /// act. `guard` has the guard's findings. `control` must belong to the same sample. Write the output, then publish
     /// [`down`](Self::down), and store the result of [`take_memory_update`](Self::take_memory_update).
     #[inline]
     pub fn grant(
@@ -247,8 +247,8 @@ impl Supervisor {
     }
 
     /// Notes a zeroing that `sample` has carried out. The positions then have other numbers, so the old settings no
-    /// longer give the old force. A change of the force must start from the force of the last output, which is
-    /// returned.
+    /// longer give the old force. A change of the force must start from the force of the last output. Returns this
+    /// force.
     fn follow_zero(&mut self, guard: &Guard) -> Option<Force> {
         if guard.zeros == self.zeros {
             return None;

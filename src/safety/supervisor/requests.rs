@@ -56,7 +56,7 @@ impl Supervisor {
 
     /// Prepares another output period. The new period comes into force with the next parameters, if
     /// [`may_change`](Self::may_change) allows it. The next output is still due after the old period, but by then the
-    /// guard already has the new one. It must not report this output as late.
+    /// guard already has the new one. The guard must not report this output as late.
     #[inline(never)] // once in a while, and not to be in the way of what comes with every output
     pub fn set_period(&mut self, old: NonZeroU32, new: NonZeroU32) {
         self.plan.set(self.plan.at(new.get()));

@@ -27,7 +27,7 @@ fn a_count_jump_is_off_with_the_same_sample() {
     bench.offset = bench.offset.wrapping_add(600);
     let step = bench.sample();
     assert!(step.report.present.contains(Fault::CountJump) && bench.output.is_none());
-    // The task `sample` alone keeps it off, whatever `render` writes meanwhile.
+    // The task `sample` alone keeps the output off, whatever `render` writes meanwhile.
     for _ in 0..50 {
         let step = bench.sample();
         assert!(step.cut || step.due);
@@ -166,7 +166,7 @@ fn stop_supply_settings_and_debugger_are_off_within_one_output_and_need_their_ca
         bench.inputs = GOOD;
         bench.run(20);
         bench.recover();
-        // With the force off this is no fault, and only prevents `arm`.
+        // With the force off these inputs are no fault. They only prevent `arm`.
         bench.ask(Request::Disarm).unwrap();
         bench.inputs = inputs;
         bench.run(20);

@@ -187,8 +187,8 @@ fn no_plan_overflows_it() {
 }
 
 /// The motor pushes until the handle is at the wall, or for a second. Returns whether this is found as a push without
-/// motion, and the time until then, s. The handle is the paper's, with Coulomb friction. An arm holds it: a mass with
-/// damper and spring to the ground, as a scene's `[arm]`. The grip between handle and arm is a spring and damper,
+/// motion, and the time until then, in s. The handle is the paper's, with Coulomb friction. An arm holds it: a mass
+/// with damper and spring to the ground, as a scene's `[arm]`. The grip between handle and arm is a spring and damper,
 /// relaxed at the start. The mass, the dampings and the grip's stiffness go from a third of the smaller to three times
 /// the larger value of the simulator's two arms. The integrator is semi-implicit Euler at 10 kHz.
 fn push(random: &mut TestRng) -> (bool, f64) {

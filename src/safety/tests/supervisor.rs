@@ -115,7 +115,6 @@ fn a_fault_of_the_guard_is_named_after_what_it_found_first() {
     assert_eq!((record.fault, record.causes), (Fault::OverSpeed, causes));
 }
 
-/// The ends of the travel are inside it.
 #[test]
 fn beyond_travel_is_beyond_its_ends() {
     for (counts, beyond) in [(200_000, false), (200_001, true), (-100_000, false), (-100_001, true)]
@@ -125,7 +124,7 @@ fn beyond_travel_is_beyond_its_ends() {
         let position = Position::from_counts(counts);
         let motion = Motion { sample: 0, position, velocity: Velocity::ZERO };
         let up = SampleReport { motion, present: FaultSet::EMPTY };
-        // No over-speed must be found here: the handle was here before.
+        // The position is renamed, as by `zero`, so its jump is no over-speed.
         supervisor.look(&up, &Guard::NOTHING, GOOD, (false, true));
         let found = supervisor.status().fault.map(|record| record.fault);
         assert_eq!(found, beyond.then_some(Fault::BeyondTravel), "{counts}");

@@ -107,7 +107,6 @@ fn a_tapped_wall_that_still_gives_way_is_not_one_that_bounces() {
     }
 }
 
-/// If the wall throws the handle back, this counts as a contact.
 #[test]
 fn a_handle_that_is_thrown_back_was_in_contact() {
     let mut scene = scene(Protocol::Taps);

@@ -173,7 +173,7 @@ fn gets_no_energy(cases: u32) {
     assert!(ran_cell.get() > cases * 4 / 15);
 }
 
-/// An integrator may increase the energy by this fraction at most, with the steps that random devices have.
+/// Largest fraction by which an integrator may increase the energy, with the steps that random devices have.
 const GAIN_MAX: f64 = 1e-3;
 
 /// The integrator with the smallest number of steps that this scene allows. `of` makes an integrator from the number.

@@ -138,8 +138,9 @@ fn plant(of: &Loop) -> Matrix {
         .collect()
 }
 
-/// The loop over one output period. The state has three parts: the plant with the acting command, then the estimator's
-/// past positions and velocities with the newest first, then the commands that do not act yet with the oldest first.
+/// The loop over one output period. The state has three parts. The first is the plant with the acting command. The
+/// second is the estimator's past positions and velocities, the newest first. The third is the commands that do not act
+/// yet, the oldest first.
 fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let a = plant(of);
     let plant_states = a.len();

@@ -85,7 +85,7 @@ fn mirrored(senses: &Senses) -> Senses {
     }
 }
 
-/// The velocity of a mirrored motion may differ by this number of LSB, because halves are rounded up.
+/// Number of LSB by which the velocity of a mirrored motion may differ, because halves are rounded up.
 fn mirror_lsb(name: EstimatorName) -> i32 {
     use EstimatorName as N;
     match name {
@@ -94,8 +94,8 @@ fn mirror_lsb(name: EstimatorName) -> i32 {
     }
 }
 
-/// The speed is a whole number of counts per sample. Then the sum of 300 velocities may differ from the counts by this
-/// number of LSB.
+/// Number of LSB by which the sum of 300 velocities may differ from the counts, if the speed is a whole number of
+/// counts per sample.
 const SUM_LSB: f64 = 20.0;
 
 crate::properties! {

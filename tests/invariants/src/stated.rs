@@ -1,5 +1,5 @@
 //! A second implementation of the statements of docs/estimators.md. Sums of differences follow from their weights. The
-//! other estimators follow from the equations at the beginning of the sections.
+//! other estimators follow from the equations at the beginning of that page's sections.
 
 use std::f64::consts::{PI, SQRT_2};
 
@@ -9,7 +9,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// One count per sample is this number of LSB of the velocity.
+/// Number of LSB of the velocity in one count per sample.
 pub const LSB: f64 = 65_536.0;
 
 /// What docs/estimators.md states about an estimator on a device. The values are in counts and samples.
@@ -162,7 +162,6 @@ pub enum First {
 }
 
 impl First {
-    /// The known acceleration.
     fn acceleration(&self, senses: &Senses) -> f64 {
         match self {
             Self::Known(_, Some(full_scale)) => {

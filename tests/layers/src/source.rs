@@ -95,7 +95,6 @@ impl Source {
         found
     }
 
-    /// All imports from one file to another.
     pub fn imports(&self) -> Vec<Import> {
         let mut imports = vec![];
         for (module, file) in self.files.iter().filter(|(module, _)| !module.is_empty()) {

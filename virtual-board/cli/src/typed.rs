@@ -12,7 +12,6 @@ use virtual_board::world::World;
 
 use crate::SLICE;
 
-/// Longest time of `wait`, in s.
 const WAIT_MAX_S: f64 = 3600.0;
 
 /// Longest line that is accepted, in bytes. It is longer than the firmware's own limit.

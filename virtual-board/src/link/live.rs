@@ -21,9 +21,9 @@ use crate::{
     world::{Ended, World},
 };
 
-/// The board may be ahead of real time by at most this time.
+/// Longest time by which the board may be ahead of real time.
 const AHEAD: Duration = Duration::from_millis(1);
-/// If the board is behind real time by more than this, the board does not catch up.
+/// Longest time that the board catches up if it is behind real time.
 const BEHIND: Duration = Duration::from_millis(20);
 
 /// Set-up of the board before it runs in real time.
@@ -63,9 +63,6 @@ impl LiveBoard {
     }
 
     /// Switches a board on as [`start`](Self::start) does, with a port for gdb. The listener must not block.
-    ///
-    /// # Errors
-    /// The same errors as in [`start`](Self::start).
     pub fn with_gdb(
         session: Session,
         begin: Begin,

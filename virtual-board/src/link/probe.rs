@@ -24,7 +24,7 @@ mod channels;
 #[cfg(test)]
 mod tests;
 
-/// If every access fails for this time, the board is treated as lost. A reset takes less time.
+/// Time after which the board is treated as lost if every access fails. A reset takes less time.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Longest wait for an answer. An answer usually takes some milliseconds. After a `save` it takes a second.
 const ANSWER: Duration = Duration::from_secs(2);
@@ -38,10 +38,6 @@ const COMPARED: usize = 256;
 
 /// A core that a probe has opened. Each error is one line of text.
 pub trait Core: Memory<Error = String> {
-    /// Whether the core is halted.
-    ///
-    /// # Errors
-    /// The probe cannot read the core's state.
     fn is_halted(&mut self) -> Result<bool, String>;
 }
 

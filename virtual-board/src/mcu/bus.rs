@@ -263,10 +263,6 @@ impl Lazy {
     }
 }
 
-/// A device's register block.
-///
-/// # Panics
-/// The device has no registers.
 pub(super) fn registers_of(device: &dyn Device) -> Arc<dyn MemOps> {
     let region = device.region("").expect("a device with registers");
     let RegionKind::Io(operations) = region.kind() else { panic!("registers are an I/O region") };

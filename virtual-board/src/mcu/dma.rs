@@ -37,8 +37,8 @@ const SIZES: u32 = 0b1111 << 11;
 const WORDS: u32 = 0b1010 << 11;
 /// These bits of CR can be written while the stream is enabled. They are EN and the interrupt enables.
 const OPEN: u32 = 0b1_1111;
-/// FCR after reset: direct mode, FIFO empty. The next two constants are for FCR's bits FS: the mask, and the level of
-/// one word.
+/// FCR after reset: direct mode, FIFO empty. `FIFO_LEVEL` is the mask of FCR's bits FS, and `FIFO_HOLDS_ONE` is the
+/// value of these bits for one word.
 const FCR_RESET: u32 = 0x21;
 const FIFO_LEVEL: u32 = 0b111 << 3;
 const FIFO_HOLDS_ONE: u32 = 0b001 << 3;

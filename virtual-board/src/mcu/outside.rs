@@ -8,7 +8,7 @@ impl Mcu {
         self.soc.set_pin(pin, high);
     }
 
-    /// Drives all these pins again after a reset. A reset moves no switch.
+    /// Drives the pins from outside again after a reset. A reset moves no switch.
     pub(super) fn drive_pins(&self) {
         for (pin, (high, alternate)) in &self.outside {
             self.soc.set_pin(*pin, *high);

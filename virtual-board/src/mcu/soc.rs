@@ -98,7 +98,7 @@ struct WatchdogPort {
     fed: Arc<Flag>,
 }
 
-/// The program feeds the watchdog by writing this value into the register KR, at offset 0.
+/// Value of the register KR that feeds the watchdog. KR is at offset 0.
 const RELOAD: u32 = 0xAAAA;
 
 impl Port for WatchdogPort {

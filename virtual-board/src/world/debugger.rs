@@ -54,9 +54,6 @@ impl World<'_> {
 
     /// Runs a sample as [`sample`](Self::sample) does, but returns early if a stop of the debugger is met. The next
     /// call completes this sample.
-    ///
-    /// # Errors
-    /// The same errors as in [`sample`](Self::sample).
     pub fn sample_until_met(&mut self, stops: &Stops) -> Result<Option<Met>, Ended> {
         loop {
             let to = self.step_end();

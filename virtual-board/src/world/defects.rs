@@ -33,9 +33,7 @@ pub struct CountDefect {
 /// A hand that swings the handle about a position. The force has no effect on this motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Swing {
-    /// Middle of the motion, in m.
     pub centre_m: f64,
-    /// Largest distance from the middle, in m.
     pub amplitude_m: f64,
     pub rate_hz: f64,
     /// Step of the plant at which the swing begins.

@@ -149,9 +149,6 @@ impl<'a> World<'a> {
     }
 
     /// Switches a board on as [`new`](Self::new) does, but every edge of the encoder comes at its exact time.
-    ///
-    /// # Errors
-    /// The same errors as in [`new`](Self::new).
     pub fn with_edge_times(
         board: Board,
         elf: &Elf,
@@ -331,7 +328,6 @@ impl<'a> World<'a> {
         self.full_scale_n
     }
 
-    /// Force of the finger on the handle, in N.
     pub fn finger_n(&self) -> f64 {
         let Some(finger) = self.finger.filter(|_| self.held.is_none()) else { return 0.0 };
         finger.force_n(self.position_m(), self.plant.speed_m_per_s(&self.state))

@@ -34,7 +34,7 @@ const JUMP_MAX: f64 = (1 << 14) as f64;
 /// Largest distance of the count from zero when a lane is checked. Until the next check the count then stays within the
 /// core's range, because 2^29 + 512 * 2^14 < 2^30.
 const COUNT_MAX: f64 = (1 << 29) as f64;
-/// Sums of squares below this number are exact.
+/// Limit below which sums of squares are exact.
 const SQUARES_MAX: f64 = (1u64 << 53) as f64;
 
 #[derive(Clone, Debug)]

@@ -159,7 +159,7 @@ pub trait SimdOps: Simd {
     }
 }
 
-/// All floats from this number on are whole numbers.
+/// Smallest float from which on all floats are whole numbers.
 const WHOLE: f64 = (1u64 << 52) as f64;
 
 pub const SIGN: u64 = 1 << 63;

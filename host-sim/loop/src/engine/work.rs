@@ -71,8 +71,8 @@ pub fn one_by_one(task: Task<'_>, work: &mut Pushes<'_>) -> Tally {
     tally
 }
 
-/// Work with several pushes. A lane tests each wall at one push of the scene after another, until the wall fails or has
-/// passed all pushes.
+/// Work whose walls are tested at several pushes. A lane tests a wall at one push of the scene after another, until the
+/// wall fails or has passed all pushes.
 pub struct Pushes<'a> {
     work: &'a mut dyn Work,
     pushes: &'a [PreparedScene],

@@ -151,7 +151,6 @@ fn words(allowed: &RangeInclusive<f64>) -> String {
     }
 }
 
-/// Splits lines into cells.
 struct Splitter {
     reader: Reader,
     text: Vec<u8>,

@@ -2,7 +2,7 @@
 
 use statrs::distribution::{ContinuousCDF as _, StudentsT};
 
-/// A result is as good as the best result if its mean is at least this fraction of the best mean.
+/// Smallest mean of a result that is as good as the best result, as a fraction of the best mean.
 pub const AS_GOOD_AS_BEST: f64 = 0.98;
 /// Probability that the test rejects a result whose mean is exactly at the limit.
 pub const LEVEL: f64 = 0.05;

@@ -6,7 +6,7 @@ use crate::scene::{Encoder, Rounding};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantiser {
-    /// Length of a count, m per count.
+    /// Length of a count, in m.
     pub resolution_m: f64,
     pub rounding: Rounding,
     /// Counts per metre: the reciprocal of the resolution.

@@ -93,7 +93,8 @@ pub struct MotorTable {
 }
 
 impl MotorTable {
-    /// Checks that the scene has either both keys or neither key. The firmware would read an absent key as 0.
+    /// Checks that the scene has both keys of the current signal, or neither of them. The firmware would read an absent
+    /// key as 0.
     fn check_current(&self) -> Result<(), String> {
         let (rest, full) = ("motor.current_sense_rest", "motor.current_sense_full");
         let (missing, key, value) = match (self.current_sense_rest, self.current_sense_full) {
@@ -187,8 +188,8 @@ impl Keys {
 const PAPER_FULL_SCALE_N: f64 = 5.906;
 /// Part of the free handle's motion that the sign test must detect.
 const SIGN_PART: f64 = 0.22;
-/// The mass of the heaviest handle is guessed as this many times the mass of the device. The factor allows for a hand
-/// on the handle and for the error of the guess.
+/// Guessed mass of the heaviest handle, divided by the mass of the device. The factor allows for a hand on the handle
+/// and for the error of the guess.
 const HEAVIEST: f64 = 20.0;
 /// Longest time constant (mass / damping) of the heaviest handle, in s.
 const HEAVIEST_S: f64 = 0.1;

@@ -70,9 +70,6 @@ impl Scene {
 
     /// The scene with this design as its filter. The new scene's sweep has only the design's cutoff, because the design
     /// may not allow other cutoffs.
-    ///
-    /// # Errors
-    /// There is no design of this name.
     pub fn with_design(&self, name: &str) -> Result<Self, String> {
         let known = || format!("there is no design `{name}`, {}", self.known_designs());
         let mut scene = self.clone();

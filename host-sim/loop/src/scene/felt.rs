@@ -30,10 +30,6 @@ impl Default for FeltCurve {
 }
 
 impl FeltCurve {
-    /// Reads a curve.
-    ///
-    /// # Errors
-    /// The file cannot be read, or is not a curve.
     pub fn load(path: &Path) -> Result<Self, Error> {
         let text = input::read_text(path, input::CURVE)?;
         let points = parse(&text).map_err(|e| Error::Input(e).of(&path.display().to_string()))?;

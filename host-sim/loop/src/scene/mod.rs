@@ -398,9 +398,6 @@ impl Scene {
     }
 
     /// An arm of `[arms]`, or a built-in arm.
-    ///
-    /// # Errors
-    /// There is no arm of this name.
     pub fn named_arm(&self, name: &str) -> Result<Arm, String> {
         let built_in = || Arm::BUILT_IN.iter().find(|(known, _)| *known == name);
         let own = self.arms.get(name).copied();

@@ -19,9 +19,6 @@ use super::{BUILT_IN, NamedScene, OnBoard, Quantisation, Scene};
 use crate::{error::Error, input, range::within};
 
 /// Rate, output, inputs and latency of the board with this name. They are read from the board's built-in scene.
-///
-/// # Errors
-/// There is no such board.
 pub fn board_facts(name: &str) -> Result<BoardFacts, Error> {
     let of = |scene: &NamedScene| scene.scene.board.as_ref().map(|board| board.name.clone());
     let mut boards = vec![];

@@ -38,7 +38,7 @@ pub struct Uncertainty {
 const COUNT: usize = 6;
 /// Largest number of draws for one device. A draw outside the scene's ranges is repeated.
 const DRAWS_MAX: u64 = 1000;
-/// A remaining variance below this limit is a rounding error and counts as 0.
+/// Largest remaining variance that counts as 0, because it is a rounding error.
 const ROUNDING: f64 = 1e-9;
 
 type Matrix = [[f64; COUNT]; COUNT];

@@ -232,7 +232,8 @@ pub fn describe(filter: &VelocitySettings, rate_hz: f64) -> String {
     }
 }
 
-/// Converts a value to a type. serde reads a date as a map, as in the other tables of a scene.
+/// Converts a value to a type. A date is read as a map, because serde reads dates in the other tables of a scene as
+/// maps.
 fn typed<T: DeserializeOwned>(value: Value) -> Result<T, String> {
     let value = if value.is_datetime() { Value::Table(toml::Table::new()) } else { value };
     T::deserialize(value).map_err(|error| error.message().into())

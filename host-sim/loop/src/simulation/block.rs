@@ -24,8 +24,8 @@ pub struct Block {
     samples: usize,
     positions_m: [f64; ROOM],
     counts: [i32; ROOM],
-    /// The controller's velocities in counts per sample. The next field has the forces at the samples' ends in N. Both
-    /// fields are only filled if samples are observed.
+    /// The controller's velocities in counts per sample. `outputs_n` has the forces at the samples' ends, in N. Both
+    /// are only filled if samples are observed.
     velocities: [f64; ROOM],
     outputs_n: [f64; ROOM],
     outputs: Vec<Output>,
@@ -91,7 +91,6 @@ impl Block {
         self.positions_m.get(..self.samples).unwrap_or_default()
     }
 
-    /// The outputs, in the order of the samples.
     #[inline]
     pub fn outputs(&self) -> &[Output] {
         &self.outputs

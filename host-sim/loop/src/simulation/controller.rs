@@ -91,7 +91,6 @@ pub struct Told {
 }
 
 impl Told {
-    /// Makes this controller from a core with this design.
     pub fn new(core: Fixed, design: &Design) -> Self {
         Self { core, lsb_per_m_per_s: lsb_per_m_per_s(design) }
     }
@@ -153,9 +152,6 @@ pub struct Fixed {
 
 impl Fixed {
     /// Makes a core with these settings and a constant push. It is at rest at `count`.
-    ///
-    /// # Errors
-    /// A setting is out of range.
     pub fn new(
         settings: &Settings,
         design: &Design,

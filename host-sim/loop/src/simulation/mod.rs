@@ -49,7 +49,6 @@ pub struct Sample {
     pub index: u64,
     /// Position of the handle at the sample, in m.
     pub position_m: f64,
-    /// Reading of the encoder.
     pub count: i32,
     /// The controller's velocity in counts per sample.
     pub velocity: f64,

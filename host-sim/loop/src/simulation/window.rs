@@ -24,7 +24,7 @@ use crate::{
 const FELT_HZ: [f64; 2] = [2.0, 1000.0];
 /// Sensation level that stands for no motion at all, in dB.
 const NO_MOTION_DB: f64 = -200.0;
-/// A sum must exceed a limit by this factor before it is certain to exceed it. The factor allows for rounding errors.
+/// Factor by which a sum must exceed a limit before it is certain to exceed it. The factor allows for rounding errors.
 const SURE: f64 = 1.0 + 1e-9;
 
 /// Sums over the samples of the window so far. The lanes use the same order of operations.
@@ -107,7 +107,7 @@ pub struct Judge {
     criterion: Criterion,
     rms_of: RmsOf,
     limit_m: f64,
-    /// Limit of the RMS of the counts for a wall that is quiet. The next field is the limit of the force's RMS, as a
+    /// Limit of the RMS of the counts for a wall that is quiet. `quiet_force` is the limit of the force's RMS, as a
     /// fraction of full scale.
     quiet_counts: RmsLimit,
     quiet_force: f64,

@@ -55,7 +55,7 @@ const MARGIN: f64 = 12.0;
 const GRID: f64 = 6.0;
 /// Largest number that can be plotted. Larger numbers are mistakes, and the calculation of the axes would lose digits.
 const LARGEST_VALUE: f64 = 1e15;
-/// A number below this limit counts as 0 before a logarithm or a division.
+/// Smallest number that does not count as 0 before a logarithm or a division.
 const SMALLEST_POSITIVE: f64 = 1e-15;
 
 #[derive(Debug, Clone, PartialEq)]

@@ -5,7 +5,7 @@ use roxmltree::{Document, Node};
 use super::{Figure, FigureError, GRID, WIDTH, grid, text};
 
 const PNG_SIGNATURE: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
-/// Text, grid and data of a figure must cover at least this fraction. `MOST_INK` is the largest fraction.
+/// Smallest fraction of a figure that text, grid and data must cover. `MOST_INK` is the largest fraction.
 const LEAST_INK: f64 = 0.01;
 const MOST_INK: f64 = 0.6;
 

@@ -10,7 +10,7 @@ use super::{FigureError, Page, at, page::NOMINAL_PER_EM};
 
 /// Font families that a browser tries in order. The first is the bundled font. The second has nearly the same widths.
 pub(super) const FONT_FAMILIES: &str = "DejaVu Sans, Verdana, sans-serif";
-/// A text can shrink to this fraction of its size. A text that is still too wide is cut.
+/// Smallest size of a text that is made smaller, as a fraction of its size. A text that is still too wide is cut.
 const SMALLEST_SHARE: f64 = 0.8;
 
 /// A text style. The font size is `size` units.

@@ -35,7 +35,7 @@ const COLUMN_STEPS: i32 = 4;
 
 pub(super) const MM_PER_M: f64 = 1e3;
 const UM_PER_M: f64 = 1e6;
-/// From this length on, small lengths are in millimetres, not in micrometres.
+/// Length from which on small lengths are in millimetres, not in micrometres.
 const MM_FROM_M: f64 = 2e-3;
 
 #[derive(Debug, Clone, PartialEq)]

@@ -17,11 +17,12 @@ const LEFT: f64 = 64.0;
 const TOP: f64 = 58.0;
 const BOTTOM: f64 = HEIGHT - 50.0;
 const MOST_TICKS: usize = 9;
-/// The axis reaches at least this factor of the highest peak. The space above the peak is for the halo of the ideal curve.
+/// Smallest end of the axis, as a multiple of the highest peak. The space above the peak is for the halo of the ideal
+/// curve.
 const HEADROOM: f64 = 1.02;
-/// From this stiffness on, the axis is in kN/m.
+/// Stiffness from which on the axis is in kN/m.
 const KILO_FROM_N_PER_M: f64 = 2e3;
-/// From this stiffness on, the axis is in MN/m.
+/// Stiffness from which on the axis is in MN/m.
 const MEGA_FROM_N_PER_M: f64 = 2e6;
 
 const CURVE_WIDTH: f64 = 1.4;
@@ -29,9 +30,9 @@ const IDEAL_WIDTH: f64 = 2.4;
 const IDEAL_HALO: f64 = 4.0;
 const DOT_RADIUS: f64 = 1.9;
 const IDEAL_DOT_RADIUS: f64 = 2.6;
-/// A curve is drawn with dots if the mean distance between its points is at least this.
+/// Smallest mean distance between the points of a curve that is drawn with dots.
 const DOT_SPACING: f64 = 4.0;
-/// From this number of curves on, dots are smaller, by the factor [`CROWD_SHARE`].
+/// Number of curves from which on dots are smaller, by the factor [`CROWD_SHARE`].
 const CROWD: usize = 16;
 const CROWD_SHARE: f64 = 0.7;
 

@@ -2,7 +2,6 @@ use super::*;
 
 const NAMES: [&str; 3] = ["x.csv", "y.csv", MANIFEST];
 
-/// Writes a result with these files. Each file has this text.
 fn write(folder: &Path, files: &[&str], text: &[u8], force: bool) -> Result<(), Error> {
     let mut outputs = Outputs::new(force, &[]);
     let to = outputs.folder(folder, Units::Linear, &NAMES)?;

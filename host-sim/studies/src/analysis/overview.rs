@@ -72,8 +72,8 @@ pub fn explain(
         .collect()
 }
 
-/// The edge of the passive region is divided into this number of intervals. It goes from B = 0 to the largest B at
-/// which K = 0 is passive.
+/// Number of intervals into which the edge of the passive region is divided. The edge goes from B = 0 to the largest B
+/// at which K = 0 is passive.
 const REGION_POINTS: u32 = 64;
 
 /// The edge of the region of walls that are passive with any hand. It begins at B = 0.

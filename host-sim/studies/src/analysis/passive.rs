@@ -26,7 +26,7 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// On each boundary, at most this number of walls is hit. The walls are evenly spaced in B.
+/// Largest number of walls that are hit on a boundary. The walls are evenly spaced in B.
 const WALLS: usize = 24;
 
 #[derive(Clone, Debug)]
@@ -86,7 +86,7 @@ pub struct Hits {
     /// Number of walls that have given more energy than the reserve allows.
     #[serde(rename = "walls_beyond_reserve")]
     pub beyond: usize,
-    /// The controller has changed this fraction of the outputs in contact.
+    /// Fraction of the outputs in contact that the controller has changed.
     pub limited_fraction: f64,
     /// The force that the controller withholds, as a fraction of the wall's force.
     pub withheld_fraction: f64,
@@ -108,7 +108,8 @@ pub struct PassiveRow {
     pub controller: bool,
     pub boundaries: Boundaries,
     /// Hits in this loop. The first element is at the walls of the boundary that was found without the controller. The
-    /// second element is at the walls of the boundary that was found with it. Without the controller it is empty.
+    /// second element is at the walls of the boundary that was found with it. If the controller is off, the second
+    /// element is empty.
     pub hits: [Hits; 2],
 }
 

@@ -76,7 +76,7 @@ pub struct Recomputed {
     pub states: u64,
     /// Number of keys whose energy at the port was compared with the computed energy.
     pub energies: u64,
-    /// Number of changes that were computed again. A change is of the estimator, of its tuning or of the zero of the
+    /// Number of changes that were computed again. A change is another estimator, another tuning or another zero of the
     /// count.
     pub changes: u64,
     pub differences: Vec<Difference>,

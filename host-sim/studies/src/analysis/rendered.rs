@@ -96,8 +96,8 @@ pub(super) struct Sine<'a> {
 
 /// One output of the record.
 pub(super) struct Output {
-    /// The force times this factor is what the force contributes to the fundamental. A held force acts like a short
-    /// push in the middle of the hold.
+    /// Factor from the force to its contribution to the fundamental. A held force acts like a short push in the middle
+    /// of the hold.
     pub(super) acts: Complex<f64>,
     /// Depth behind the surface according to the counts, in m.
     pub(super) depth_m: f64,

@@ -19,7 +19,7 @@ use crate::simulation::prepared::HitError;
 const OFF_STEPS: f64 = 1.2;
 /// Probability that a wall is stable before the boundary is reached. Most of these walls are stable.
 const STABLE_BEFORE: f64 = 0.9;
-/// At most this number of cells is examined. Without a limit the same cell could be examined many times, because
+/// Largest number of cells that are examined. Without a limit the same cell could be examined many times, because
 /// several possible walks may reach it.
 const LOOKED_AT_MAX: usize = 400;
 
@@ -56,7 +56,7 @@ impl Guide {
     }
 }
 
-/// A trend is computed over this range of B, in steps.
+/// Range of B over which a trend is computed, in steps.
 const TREND: i32 = 4;
 
 /// A walk that has begun. It has cells with a known verdict and cells that are running.

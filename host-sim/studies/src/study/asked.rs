@@ -82,10 +82,10 @@ pub fn no_cutoff(scene: &NamedScene) -> Error {
     ))
 }
 
-/// Refuses a start inside the wall, and a distance that is not realistic.
+/// Checks the start of the hits.
 ///
 /// # Errors
-/// The start is inside the wall or too far away.
+/// The start is inside the wall, or too far away to be realistic.
 pub fn check_start(scene: &NamedScene, offset_counts: f64, names: Names) -> Result<(), Error> {
     within(names.start_offset, offset_counts, -1e6..=1e6).map_err(Error::Input)?;
     let (device, wall) = (&scene.scene.device, &scene.scene.wall);
@@ -97,9 +97,6 @@ pub fn check_start(scene: &NamedScene, offset_counts: f64, names: Names) -> Resu
 }
 
 /// Checks whether the core accepts cutoff, K and B.
-///
-/// # Errors
-/// A value is out of range.
 pub fn check_wall(scene: &NamedScene, wall: &WallHit, names: Names) -> Result<(), Error> {
     scene
         .scene
@@ -120,9 +117,6 @@ pub fn check_wall(scene: &NamedScene, wall: &WallHit, names: Names) -> Result<()
 
 /// Refuses a B that the scene's walk does not reach, because K is read at this B. Error messages name the B with
 /// `option`.
-///
-/// # Errors
-/// The walk does not reach the B.
 pub fn check_read_off(
     scene: &NamedScene,
     damping_n_s_per_m: f64,
@@ -250,9 +244,6 @@ impl Walls {
     }
 
     /// Checks every value of every list, and the start, before the first hit.
-    ///
-    /// # Errors
-    /// A value is out of range.
     pub fn check(&self, scene: &NamedScene, names: Names) -> Result<(), Error> {
         let first = self.wall(0);
         let walls = (self.filters.iter().map(|&velocity| WallHit { velocity, ..first }))

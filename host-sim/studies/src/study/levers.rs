@@ -38,7 +38,7 @@ pub const AMPLIFIER_HZ: f64 = 1000.0;
 pub const MODE: [f64; 3] = [0.24, 150.0, 0.03];
 /// A step size divided by the next smaller one.
 pub const FINER: f64 = 2.0;
-/// A boundary is resolved if it has at least this height in steps of K and this width in steps of B.
+/// Smallest height of a resolved boundary in steps of K, and its smallest width in steps of B.
 pub const RESOLVED: [f64; 2] = [32.0, 24.0];
 /// Number of steps from 0 to the cap on the coarsest grid, first for K, then for B. The height of a boundary is some
 /// 200 to 500 times its width.
@@ -59,7 +59,6 @@ pub struct Lever {
 /// What is added between a loop's output and the handle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Between {
-    /// Nothing is added.
     Nothing,
     Amplifier,
     /// An amplifier is added, and the handle is on a transmission.

@@ -82,7 +82,7 @@ pub struct Question {
     pub filters: Vec<VelocitySettings>,
     pub repeats: u32,
     pub walk: Walk,
-    /// Combinations of a push and a hand. `None` for a hand means the scene's own.
+    /// Combinations of a push and a hand. `None` for a hand means the scene's own hand.
     pub situations: Vec<Situation>,
     /// Whether the true velocity is walked too.
     pub told: bool,
@@ -103,7 +103,6 @@ pub struct Situation {
     pub arm: Option<String>,
 }
 
-/// Results for one limit.
 #[derive(Clone, Debug)]
 pub struct LimitResult {
     /// The push and the hand; `None` for the worst of all situations.

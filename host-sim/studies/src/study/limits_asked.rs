@@ -9,7 +9,7 @@ use crate::{
     scene::{Scene, Walk},
 };
 
-/// The default grid has the scene's step of K divided by this number, and the step of B divided by half of it.
+/// Divisor of the scene's step of K for the default grid. The step of B is divided by half of it.
 const FINER: f64 = 4.0;
 
 /// A limit as the user gives it.
@@ -26,10 +26,7 @@ pub enum LimitAsked {
 }
 
 impl LimitAsked {
-    /// Reads one limit.
-    ///
-    /// # Errors
-    /// The text is no limit. The error says what is allowed.
+    /// Reads one limit. An error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let one = text.trim();
         let (level, number) =

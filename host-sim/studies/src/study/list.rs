@@ -5,10 +5,7 @@ use crate::scene::ranges::VALUES_MAX;
 #[derive(Clone, Debug, PartialEq)]
 pub struct List(pub Vec<f64>);
 
-/// Reads `A,B,C` or `FROM:STEP:TO`. TO is included if a step reaches TO.
-///
-/// # Errors
-/// The error, and what is allowed.
+/// Reads `A,B,C` or `FROM:STEP:TO`. TO is included if a step reaches TO. An error says what is allowed.
 pub fn parse(text: &str) -> Result<List, String> {
     let number = |part: &str| {
         let value: f64 = part.trim().parse().map_err(|_| format!("`{part}` is not a number"))?;

@@ -15,7 +15,7 @@ pub struct Rates {
     pub output_hz: Vec<f64>,
 }
 
-/// The ratio of two rates counts as a whole number within this tolerance.
+/// Tolerance within which the ratio of two rates counts as a whole number.
 const WHOLE: f64 = 1e-6;
 
 /// Number of samples from output to output; `None` if the ratio of the rates is not a whole number.

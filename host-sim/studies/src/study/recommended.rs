@@ -24,34 +24,34 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// Areas count as equally good if they are at least this share of the largest area.
+/// Smallest area that counts as equally good, as a share of the largest area.
 pub const AS_GOOD: f64 = 0.97;
-/// The search ends when the ratio of the best cutoff to its neighbours is at most this value.
+/// Largest ratio of the best cutoff to its neighbours at which the search ends.
 const NEAR: f64 = 1.1;
-/// Beyond the ends of a list, each new cutoff differs from the one before by this factor.
+/// Factor between two successive new cutoffs beyond the ends of a list.
 const BEYOND: f64 = 1.25;
-/// Cutoffs are added to the list at most this many times.
+/// Largest number of times that cutoffs are added to the list.
 const TRIES: usize = 12;
 /// Smallest and largest number of steps that a boundary should have. The first pair is for K up to its peak, the second
 /// is for B.
 const STEPS: [[f64; 2]; 2] = [[24.0, 400.0], [16.0, 240.0]];
-/// The grid is changed at most this many times.
+/// Largest number of times that the grid is changed.
 const GRIDS: usize = 8;
-/// A new grid is made so that a boundary has about this number of steps of K and of B.
+/// Wanted number of steps of K and of B in a boundary, when a new grid is made.
 const AIM: [f64; 2] = [48.0, 32.0];
-/// The next grid is finer by at most this factor. A boundary with few steps gives little information about its size.
+/// Largest factor by which the next grid is finer. A boundary with few steps gives little information about its size.
 const FINER: f64 = 8.0;
-/// If a grid has no stable wall, single walls are tried. They have this number of values of K and of B. The first
-/// values are the largest that the walk allows.
+/// Number of values of K and of B of the single walls that are tried if a grid has no stable wall. The first values are
+/// the largest that the walk allows.
 const TRIED: [u32; 2] = [17, 13];
-/// Each of these values is the value before times this factor.
+/// Ratio of a tried value of K or B to the value before it, see [`TRIED`].
 const APART: f64 = 0.562;
-/// If a neighbour of the best cutoff has less than this share of the best area, the walk of this neighbour has ended
-/// too early.
+/// If a neighbour of the best cutoff has less than the share `BROKEN` of the best area, the walk of this neighbour has
+/// ended too early.
 const BROKEN: f64 = 0.5;
-/// If a walk has ended too early, the grid may begin at another wall. This happens at most this many times.
+/// Largest number of times that a grid begins at another wall, because a walk has ended too early.
 const SEEDS: usize = 3;
-/// A cutoff is only examined if its area is at least this share of the best area.
+/// Smallest area of a cutoff that is examined, as a share of the best area.
 const PROMISING: f64 = 0.3;
 
 /// All walks of a search for the recommended cutoff, with the result of the search.
@@ -84,9 +84,9 @@ impl Held {
     }
 }
 
-/// Each wall that is tried has this many times the K of the wall before.
+/// K of a tried wall divided by the K of the wall before.
 const SOFTER: f64 = 0.9;
-/// At most this number of walls is tried.
+/// Largest number of walls that are tried.
 const SOFTER_TRIES: i32 = 30;
 
 impl Held {
@@ -149,7 +149,6 @@ pub struct Recommended {
 pub struct FreeMotion {
     /// Mass of device and handle, in kg.
     pub mass_kg: f64,
-    /// Viscous damping, in N s/m.
     pub damping_n_s_per_m: f64,
     /// Dry friction while the handle slides, in N.
     pub friction_n: f64,

@@ -23,7 +23,6 @@ use crate::{
     },
 };
 
-/// The results of all walks at one cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CutoffResult {
     pub velocity: VelocitySettings,
@@ -77,7 +76,7 @@ impl RangeBasis {
     }
 }
 
-/// If the ratio of neighbouring cutoffs is above this value, the cutoffs are too far apart.
+/// Largest ratio of neighbouring cutoffs that are not too far apart.
 const COARSE: f64 = 1.3;
 
 /// A scene and the filters with which a sweep walks it.

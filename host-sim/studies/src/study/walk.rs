@@ -35,9 +35,6 @@ pub fn walk(
 }
 
 /// Walks as [`walk`] does. But the caller's function `verdict` makes each hit and judges it.
-///
-/// # Errors
-/// An error of [`walk`].
 pub fn walk_with(
     prepared: &PreparedScene,
     velocity: VelocitySettings,

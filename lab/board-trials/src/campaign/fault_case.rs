@@ -31,7 +31,6 @@ pub type Begin = fn(&Elf, &mut World<'_>) -> Result<u64, Failed>;
 pub type Cause = fn(&Elf, &mut World<'_>) -> Result<(), Failed>;
 pub type End = fn(&mut World<'_>) -> Result<(), Failed>;
 
-/// A named fault with its expected results.
 pub struct FaultCase {
     /// Name in reports, unique among the cases.
     pub name: &'static str,

@@ -98,7 +98,6 @@ pub struct ImageFlip {
     /// Place and time of the flip, for printed results.
     pub what: String,
     pub end: End,
-    /// Measured consequence of the flip.
     pub verdict: Verdict,
 }
 

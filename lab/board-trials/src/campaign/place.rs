@@ -139,8 +139,7 @@ const IWDG_OPEN: u32 = 0x5555;
 const RAM_END: u32 = 0x2002_0000;
 const AIRCR: u32 = 0xE000_ED0C;
 const AIRCR_KEY: u32 = 0x05FA_0000;
-/// The NVIC has one register to set bits and another to clear the same bits. Their addresses differ by this number of
-/// bytes.
+/// Distance in bytes from a register of the NVIC that sets bits to the register that clears the same bits.
 const NVIC_CLEARS: u32 = 0x80;
 
 impl Places {

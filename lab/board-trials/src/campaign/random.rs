@@ -21,9 +21,9 @@ pub const STARTS: usize = 16;
 /// Longest time for which a wrong force is allowed, in s.
 const ALLOWED_S: f64 = 3e-3;
 
-/// Of the flips in the core, one in `FURTHER` is in S0 to S31, FPSCR or CONTROL, each with the same probability. Of the
-/// flips in the peripherals, one in `WATCHDOG` is in the watchdog. The watchdog has about this share of the bits. The
-/// other flips do not depend on these two numbers.
+/// One of `FURTHER` flips in the core is in S0 to S31, FPSCR or CONTROL, each with the same probability. One of
+/// `WATCHDOG` flips in the peripherals is in the watchdog, which has about this share of the bits. The other flips do
+/// not depend on these two numbers.
 const FURTHER: u64 = 8;
 const WATCHDOG: u64 = 64;
 

@@ -74,8 +74,8 @@ pub struct Campaign {
 /// after which the force is off too late.
 const UNNOTICED_MOST: f64 = 1e-3;
 const LATE_MOST: f64 = 5e-3;
-/// If there are at least this many flips, the share itself must be below the limit. If there are fewer, the lower end
-/// of the share's 95 % interval must be below the limit.
+/// Smallest number of flips with which the share itself must be below the limit. With fewer flips, the lower end of the
+/// share's 95 % interval must be below the limit.
 const MANY: u64 = 10_000;
 
 #[derive(Serialize)]

@@ -13,7 +13,6 @@ type Begin = dyn Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync;
 /// A test that damages stored data. It returns the number of cases that it tried, or the first error.
 type Keeps = fn(&mut World<'_>) -> Result<usize, Failed>;
 
-/// A fault with its name and limits.
 pub struct Row {
     /// Name in reports, unique among the rows.
     pub name: String,

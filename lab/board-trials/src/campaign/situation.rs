@@ -142,8 +142,8 @@ pub struct Stage {
     pub read: Vec<u32>,
 }
 
-/// Number of samples from one start to the next. The starts are spread over the 64 outputs in which the board once
-/// compares its clock with a second clock.
+/// Number of samples from one start to the next. The starts are spread over 64 outputs, because the board compares its
+/// clock with a second clock once in 64 outputs.
 const BETWEEN: u64 = 41;
 
 impl Stage {

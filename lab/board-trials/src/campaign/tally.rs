@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-/// Number of flips for each result.
 #[derive(Serialize)]
 pub struct Tally<K: Ord>(BTreeMap<K, u64>);
 

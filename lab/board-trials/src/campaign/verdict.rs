@@ -9,7 +9,6 @@ use zwidth::{
 
 use super::{kept::BACKUP, row::SOON_S};
 
-/// Class of a fault's result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Class {
@@ -117,15 +116,15 @@ pub struct Measure<'a> {
     pub full_m_per_s2: f64,
 }
 
-/// A difference of the force up to this fraction of full scale is treated as zero. Such differences occur because the
-/// simulation runs in whole samples.
+/// Largest difference of the force that is treated as zero, as a fraction of full scale. Such differences occur because
+/// the simulation runs in whole samples.
 const SAME: f64 = 0.01;
-/// A difference of the force up to this fraction of full scale is treated as small.
+/// Largest difference of the force that is treated as small, as a fraction of full scale.
 const SMALL: f64 = 0.05;
-/// A difference above [`SMALL`] that lasts no longer than this time, in s, is still treated as bounded.
+/// Longest time of a difference above [`SMALL`] that is still treated as bounded, in s.
 pub(super) const SHORT_S: f64 = 2e-3;
-/// A force is too old if it is kept longer than the output period plus this number of samples. One sample is for the
-/// simulation in whole samples, the other for the time of `render`.
+/// Number of samples by which a force may be kept longer than the output period. After that the force is too old. One
+/// sample is for the simulation in whole samples, the other for the time of `render`.
 const OLD: u64 = 2;
 const LET_GO_M: f64 = 5e-3;
 const SAMPLE_S: f64 = 1e-4;
@@ -159,7 +158,6 @@ fn kept_code(world: &mut World<'_>) -> Option<u8> {
     (record.fault != Fault::ResetWhileArmed).then(|| record.fault.code())
 }
 
-/// What the measurement has observed so far.
 #[derive(Default)]
 struct Watched {
     off_at: Option<u64>,

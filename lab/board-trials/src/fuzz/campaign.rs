@@ -30,14 +30,12 @@ pub struct Failure {
     pub session: u64,
     /// Number of commands that all sessions had sent before the failure was found.
     pub after_commands: u64,
-    /// Time until the failure was found, in s.
     pub after_s: f64,
     /// The shortest session that was found with the same failure.
     #[serde(rename = "script")]
     pub actions: Vec<Action>,
 }
 
-/// Results of all sessions of a campaign.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
     pub counts: Counts,

@@ -28,16 +28,16 @@ pub enum Event {
 pub const EVENTS: [(Event, &str); 3] =
     [(Event::Stop, "stop"), (Event::Supply, "supply"), (Event::Reset, "reset")];
 
-/// While the core sleeps, two tried instants are this number of cycles apart.
+/// Number of cycles between two tried instants while the core sleeps.
 const SLEEP: u64 = 500;
 /// Time limit of the supply detector, in s (docs/faults.md).
 const SUPPLY_S: f64 = 60e-6;
-/// The fault must be reported within this number of samples. `STARTED` is the number if the board has to start again.
+/// Number of samples within which the fault must be reported. `STARTED` is the number if the board has to start again.
 const TOLD: u64 = 25;
 const STARTED: u64 = 600;
 /// A supply that is too low, in mV.
 const LOW_MV: u32 = 2_000;
-/// The period is divided into this number of pieces, which the threads share.
+/// Number of pieces into which the period is divided. The threads share the pieces.
 const PIECES: usize = 64;
 
 /// An instant with a wrong result.

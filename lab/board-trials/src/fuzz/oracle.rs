@@ -44,7 +44,6 @@ pub struct Observed {
 #[derive(Clone)]
 struct Told {
     sequence: u32,
-    /// The outputs, each with its force.
     outputs: Vec<(Record, Force)>,
     positions: Vec<Position>,
     /// Whether the frame may have waited for a save. During a long wait the image loses the frame's positions.
@@ -75,7 +74,7 @@ impl Told {
     }
 }
 
-/// If the image's value differs from the library's, a text with both values.
+/// A text with both values if the image's value differs from the library's. Otherwise `None`.
 fn different<T: PartialEq + Debug>([image, library]: [T; 2]) -> Option<String> {
     (image != library).then(|| format!("the image tells {image:?}, the library {library:?}"))
 }
@@ -340,9 +339,6 @@ impl Oracle {
 
     /// Compares the hardware's enable and output code with the library's. A code is 0 at zero force. No task may be
     /// running during the call.
-    ///
-    /// # Errors
-    /// The outputs differ.
     pub fn outputs(&mut self, code: i32, enabled: bool) -> Result<(), String> {
         let Some(program) = self.program.as_ref().filter(|_| self.entries.is_empty()) else {
             return Ok(());
@@ -378,7 +374,7 @@ fn pass(program: &mut CoreProgram, bytes: &mut Option<Vec<u8>>) {
     }
 }
 
-/// Length of the first line in bytes.
+/// Length of the first line with its line feed, in bytes.
 fn line(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|byte| *byte == b'\n').map(|at| at + 1)
 }

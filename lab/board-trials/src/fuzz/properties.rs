@@ -12,7 +12,7 @@ use super::{counts::Counts, oracle::Observed, rule};
 
 /// Longest time from one feeding of the watchdog to the next, in ms.
 const FED_MS: u64 = 20;
-/// A line must be answered within this number of samples. The time includes the answers to earlier lines, and an erase
+/// Number of samples within which a line must be answered. The time includes the answers to earlier lines, and an erase
 /// of flash.
 const ANSWER: u64 = 3_000;
 const LINE: u64 = 200;
@@ -110,9 +110,6 @@ impl Properties {
     }
 
     /// Checks the board's new output and its present state.
-    ///
-    /// # Errors
-    /// A rule is broken.
     pub fn check(
         &mut self,
         world: &World<'_>,

@@ -31,9 +31,9 @@ impl From<Ended> for End {
     }
 }
 
-/// After every line was answered, the library must have sent the same as the image within this number of samples.
+/// Number of samples after the last answer within which the library must have sent the same as the image.
 const LATE: u64 = 400;
-/// A low supply must disable the amplifier within this number of cycles, which is 60 us (docs/faults.md).
+/// Number of cycles within which a low supply must disable the amplifier. It is 60 us (docs/faults.md).
 const DETECTED: u64 = 10_000;
 /// Part of the symbol name of the data that the tasks share. The compiler decides the layout of this data. The queue of
 /// orders is at the end and has a known size. The queue of reports is before the queue of orders. Each queue ends with
@@ -93,7 +93,6 @@ impl<'a> Run<'a> {
         (self.world.snapshot(), self.checks.clone())
     }
 
-    /// Restores a saved state.
     pub fn restore(&mut self, (world, checks): &(Snapshot, Checks)) {
         self.world.restore(world);
         self.checks = checks.clone();
@@ -213,7 +212,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Whether the program runs and has sent its version.
+    /// Runs until the program has started, and has sent the same first lines as the library.
     fn begun(&mut self) -> Result<(), End> {
         for _ in 0..BEGIN {
             self.pass(1)?;

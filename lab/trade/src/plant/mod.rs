@@ -31,7 +31,7 @@ use crate::{
     study::{sweep::start_offset_counts, walk::walk},
 };
 
-/// The walks here use steps of K and B that are this number of times the scene's steps.
+/// Steps of K and B in these walks, as a multiple of the scene's steps.
 pub const COARSER: f64 = 4.0;
 /// Number of walks, each from another start position.
 const REPEATS: u32 = 2;
@@ -39,7 +39,8 @@ const REPEATS: u32 = 2;
 /// point, in steps of K.
 const POINTS: usize = 8;
 const BESIDE: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
-/// The second reference starts this number of counts away from the first. Their difference shows the effect of chaos.
+/// Distance of the second reference's start from the start of the first, in counts. Their difference shows the effect
+/// of chaos.
 pub const NUDGE_COUNTS: f64 = 0.25;
 /// Numbers of equal steps per sample.
 const STEPS: [u32; 6] = [1, 2, 5, 10, 20, 50];
@@ -123,7 +124,6 @@ impl Method {
     }
 }
 
-/// Measured values of one method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantMeasured {
     /// Largest distance from the reference's position, in m.

@@ -22,7 +22,6 @@ impl Wire {
         Self { stream, out: Vec::new(), taken: Vec::new() }
     }
 
-    /// The next byte, if one has arrived.
     pub(super) fn byte(&mut self) -> io::Result<Option<u8>> {
         if self.taken.is_empty() {
             let mut bytes = [0; 4096];

@@ -8,7 +8,7 @@ use crate::{
     rtt::{Block, Ring, Rtt},
 };
 
-/// If no byte arrives for this time, the link checks whether the core runs.
+/// Time without a byte after which the link checks whether the core runs.
 pub(super) const QUIET: Duration = Duration::from_millis(500);
 /// Largest number of bytes of one channel that can wait for a reader. Further bytes stay on the board.
 const WAITING: usize = 1 << 16;

@@ -90,7 +90,7 @@ fn program(random: &mut Random) -> Vec<(u32, Vec<u8>)> {
     vec![(FLASH, vectors), (FLASH + 0x200, stays), (CODE, code(random))]
 }
 
-/// All state in which the two ways may differ.
+/// The state that must be equal after a run by the emulator alone and after a faster run.
 fn all_of(mcu: &mut Mcu) -> (Regs, Vec<u32>, [u64; 3], u32, String) {
     let registers = mcu.core_registers();
     let mut floats = registers.float.to_vec();

@@ -52,7 +52,7 @@ impl<S: SimdOps> Accelerometer<S> {
         Self { scale, sensed: Sensed { speed: zero, filtered: zero }, drawn, noise, sample }
     }
 
-    /// Puts a sensor into a lane. The lane starts as if the sensor has not been read yet.
+    /// Puts a sensor into a lane. The lane starts as if the sensor had not been read yet.
     pub fn start(&mut self, simd: S, lane: usize, readings: &Readings) {
         let Readings { sensor, speed, ref noise } = *readings;
         let splat = |value: f64| simd.splat_f64s(value);

@@ -29,7 +29,7 @@ pub struct Levant<S: SimdOps, const IMPLICIT: bool> {
 
 /// Limit of the position, 2^14 counts, and of the velocity, 2^14 counts per sample.
 const LIMIT: u64 = 1 << (FACTOR_BITS - 2);
-/// The velocity state has this many fractional bits more than the output.
+/// Number of fractional bits of the velocity state beyond those of the output.
 const DROPPED: u32 = 16;
 
 impl<S: SimdOps, const IMPLICIT: bool> Recursive<S> for Levant<S, IMPLICIT> {

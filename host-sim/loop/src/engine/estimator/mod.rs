@@ -126,7 +126,6 @@ pub trait Recursive<S: SimdOps>: Copy {
 
     fn at_rest(simd: S) -> (Self, Self::Gains);
     fn words(&mut self) -> impl Iterator<Item = &mut S::u64s>;
-    /// Puts the coefficients of an estimator into a lane.
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator);
     /// Takes the change of the count. Returns the velocity in LSB, in the lower 32 bits.
     fn step(&mut self, simd: S, gains: &Self::Gains, moved: S::f64s) -> S::u64s;

@@ -58,8 +58,8 @@ pub struct Fusion<S: SimdOps> {
 /// Limit of the known acceleration, and of `x - x^` (measured minus estimated position): 2^12 counts. After a jump of
 /// 2^14 counts, `x - x^` is still below 2^15 counts. As a number with 32 fractional bits, 2^15 counts is 2^47.
 const LIMIT: u64 = 1 << 44;
-/// Velocity and disturbance have this many fractional bits more than the position. Both are below 2^12 counts per
-/// sample.
+/// Number of fractional bits of velocity and disturbance beyond those of the position. Velocity and disturbance are
+/// below 2^12 counts per sample.
 const MORE: [u32; 2] = [12, 16];
 
 impl<S: SimdOps> Observed<S> {

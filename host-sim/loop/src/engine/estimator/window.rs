@@ -205,8 +205,8 @@ impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<S, BEST> {
             high = simd.choose(falls, upper, high);
             high_over = simd.choose(falls, of(i), high_over);
         }
-        // rounds to nearest, halves away from zero; a quotient that is not whole is at least 2^-13 below the next whole
-        // number
+        // rounds to nearest, and halves away from zero; if the quotient is not whole, it is at least 2^-13 below the
+        // next whole number
         let scaled =
             simd.mul_f64s(simd.magnitude(number), of(f64::from(1u32 << Velocity::FRACTION_BITS)));
         let half = simd.floor(simd.mul_f64s(over, of(0.5)));

@@ -78,10 +78,10 @@ impl<S: SimdOps> LaneFactor<S> {
     }
 }
 
-/// Numbers are shifted left by this many bits before they are multiplied. After this shift, the product's bits below
-/// 2^32 only affect rounding.
+/// Number of bits by which numbers are shifted left before they are multiplied. After this shift, the product's bits
+/// below 2^32 only affect rounding.
 const LEFT: u32 = 15;
-/// A number may have this many bits before it is multiplied: its magnitude must be below 2^48.
+/// Largest number of bits of a number before it is multiplied. Its magnitude must be below 2^48.
 pub const FACTOR_BITS: u32 = 63 - LEFT;
 
 impl<S: SimdOps> Vector<S> {

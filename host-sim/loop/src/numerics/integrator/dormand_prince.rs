@@ -55,7 +55,7 @@ const fn powi5(x: f64) -> f64 {
 
 /// Factor for the length of the next step. `error` is the error divided by the tolerance.
 pub fn change(error: f64) -> f64 {
-    /// Below this error the factor is at its upper bound. Then no power has to be computed, which saves time.
+    /// Largest error at which the factor is at its upper bound. Then no power has to be computed, which saves time.
     const SMALL: f64 = 1e-4;
     const { assert!(SMALL < powi5(SAFETY / CHANGE.1)) };
     if error < SMALL {

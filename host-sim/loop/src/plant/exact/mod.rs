@@ -58,11 +58,10 @@ impl ExactStep<2> {
 }
 
 impl<const N: usize> ExactStep<N> {
-    /// The step over `sample_s`. A command takes effect at `fraction` (0 to below 1) of the sample. N must be the
-    /// chain's number of states.
+    /// The step over `sample_s`. A command takes effect at `fraction` (0 to below 1) of the sample.
     ///
     /// # Panics
-    /// If N is not the chain's number of states.
+    /// N is not the chain's number of states.
     pub fn of_chain(chain: &Chain, sample_s: f64, fraction: f64) -> Self {
         let (a, b) = chain.system::<N>();
         let (phi, whole) = discretise(&a, &b, sample_s);

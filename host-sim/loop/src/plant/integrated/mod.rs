@@ -32,7 +32,7 @@ use crate::{
 const EVENTS_MAX: u32 = 200;
 /// Shortest adaptive step, as a fraction of the sample.
 const SHORTEST: f64 = 1e-6;
-/// Times up to this fraction of the sample are treated as 0.
+/// Largest time that is treated as 0, as a fraction of the sample.
 const NO_TIME: f64 = 1e-13;
 
 /// A plant of N linear states, with its non-linear elements and its integrator.
@@ -117,11 +117,10 @@ impl<const N: usize> Field<N> for Smooth<'_, N> {
 }
 
 impl<const N: usize> IntegratedStep<N> {
-    /// The plant, sampled every `sample_s`. A command takes effect at `fraction` (0 to below 1) of the sample. N must
-    /// be the chain's number of states.
+    /// The plant, sampled every `sample_s`. A command takes effect at `fraction` (0 to below 1) of the sample.
     ///
     /// # Panics
-    /// If N is not the chain's number of states.
+    /// N is not the chain's number of states.
     pub fn new(
         chain: &Chain,
         nonlinear: &Nonlinear,

@@ -205,7 +205,6 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Puts the device exactly on an end.
     fn put_on(&self, z: &mut [f64; N], end: End) {
         if let Some(travel) = self.travel {
             let end_m = travel.end_m(end);

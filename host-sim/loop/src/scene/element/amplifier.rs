@@ -24,13 +24,10 @@ pub struct Amplifier {
 }
 
 impl Amplifier {
-    /// Rate of the pole in 1/s.
     pub fn pole_per_s(&self) -> f64 {
         TAU * self.bandwidth_hz
     }
 
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         Checker("amplifier").within("bandwidth_hz", self.bandwidth_hz, 1.0..=1e7)
     }

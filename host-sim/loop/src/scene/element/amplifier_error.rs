@@ -22,15 +22,12 @@ pub struct AmplifierError {
 }
 
 impl AmplifierError {
-    /// The force that a command causes, in N.
     #[inline]
     pub fn force_n(&self, command_n: f64, full_scale_n: f64) -> f64 {
         let part = command_n / full_scale_n;
         command_n * (1.0 + self.cubic * part * part)
     }
 
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         // below -1/3 a larger command would give a smaller force
         Checker("amplifier_error").within("cubic", self.cubic, -0.3..=1.0)

@@ -36,8 +36,6 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self, table: &str) -> Result<(), String> {
         let (damping, stiffness) = (ranges::DAMPING_N_S_PER_M, ranges::STIFFNESS_N_PER_M);
         for (key, value, range) in [

@@ -26,8 +26,6 @@ pub struct Backlash {
 }
 
 impl Backlash {
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         Checker("backlash").within("gap_m", self.gap_m, 0.0..=1.0)
     }

@@ -104,10 +104,10 @@ impl Chain {
         (bodies, count)
     }
 
-    /// A and b of the system. N must be [`states`](Self::states).
+    /// A and b of the system.
     ///
     /// # Panics
-    /// If N is not [`states`](Self::states).
+    /// N is not [`states`](Self::states).
     pub fn system<const N: usize>(&self) -> (SMatrix<f64, N, N>, SVector<f64, N>) {
         assert_eq!(N, self.states(), "states of the chain");
         let (mut a, mut b) = (SMatrix::<f64, N, N>::zeros(), SVector::<f64, N>::zeros());

@@ -28,13 +28,11 @@ pub struct Cogging {
 }
 
 impl Cogging {
-    /// Force on the device in N.
     #[inline]
     pub fn force_n(&self, position_m: f64) -> f64 {
         self.amplitude_n * libm::sin(TAU * position_m / self.pitch_m + self.phase_rad)
     }
 
-    /// Energy stored at this position, in J.
     pub fn energy_j(&self, position_m: f64) -> f64 {
         let cos = libm::cos(TAU * position_m / self.pitch_m + self.phase_rad);
         self.amplitude_n * self.pitch_m / TAU * cos
@@ -45,8 +43,6 @@ impl Cogging {
         self.amplitude_n * TAU / self.pitch_m
     }
 
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         let keys = Checker("cogging");
         keys.within("amplitude_n", self.amplitude_n, 0.0..=1e5)?;

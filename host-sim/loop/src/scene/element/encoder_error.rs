@@ -31,7 +31,6 @@ pub struct EncoderError {
 }
 
 impl EncoderError {
-    /// Error of the reading in m.
     #[inline]
     pub fn error_m(&self, position_m: f64) -> f64 {
         let phase = TAU * position_m / self.cycle_m + self.phase_rad;
@@ -45,8 +44,6 @@ impl EncoderError {
         TAU / self.cycle_m * sum
     }
 
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         let keys = Checker("encoder_error");
         keys.within("cycle_m", self.cycle_m, 1e-8..=1.0)?;

@@ -28,8 +28,6 @@ impl EncoderNoise {
         self.rms_m * random::gaussian(hit ^ (u64::from(self.seed) << 32), sample)
     }
 
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         Checker("encoder_noise").within("rms_m", self.rms_m, 0.0..=1.0)
     }

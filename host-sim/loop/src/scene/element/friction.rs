@@ -47,8 +47,6 @@ impl Friction {
         (self.static_n - self.coulomb_n) / self.stribeck_speed_m_per_s * steepest
     }
 
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         let keys = Checker("friction");
         keys.within("coulomb_n", self.coulomb_n, 0.0..=FORCE_N)?;

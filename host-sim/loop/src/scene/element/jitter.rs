@@ -78,8 +78,6 @@ impl Jitter {
         (0..=levels).map(|level| Glimpse::new(chain, self.delay_s(level), split_s)).collect()
     }
 
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self, latency_s: f64, sample_s: f64) -> Result<(), String> {
         let most = latency_s.min(sample_s.next_down());
         Checker("jitter").within("peak_s", self.peak_s, 0.0..=most)

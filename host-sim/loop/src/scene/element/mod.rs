@@ -79,7 +79,7 @@ impl Nonlinear {
     }
 }
 
-/// Checks the values of one table of the scene.
+/// Checks the values of one table of the scene. An error is one line with key, value and allowed range.
 #[derive(Clone, Copy, Debug)]
 struct Checker(&'static str);
 

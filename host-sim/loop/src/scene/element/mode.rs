@@ -29,8 +29,6 @@ pub struct Mode {
 }
 
 impl Mode {
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         let keys = Checker("mode");
         keys.within("mass_kg", self.mass_kg, ranges::MASS_KG)?;

@@ -19,8 +19,6 @@ pub struct Offset {
 }
 
 impl Offset {
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self) -> Result<(), String> {
         Checker("offset").within("force_n", self.force_n, -1e5..=1e5)
     }

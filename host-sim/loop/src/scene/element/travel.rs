@@ -66,7 +66,6 @@ impl End {
 }
 
 impl Travel {
-    /// Position of an end in m.
     #[inline]
     pub fn end_m(&self, end: End) -> f64 {
         let (Self::Spring { low_m, high_m, .. } | Self::Rigid { low_m, high_m, .. }) = *self;
@@ -94,8 +93,6 @@ impl Travel {
         }
     }
 
-    /// # Errors
-    /// One line with key, value and allowed range.
     pub fn check(&self, device: &Device) -> Result<(), String> {
         let keys = Checker("travel");
         let (low_m, high_m) = (self.end_m(End::Low), self.end_m(End::High));

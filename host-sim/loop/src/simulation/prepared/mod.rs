@@ -203,18 +203,12 @@ impl PreparedScene {
     }
 
     /// The loop around the core, ready for sample 0 of a hit.
-    ///
-    /// # Errors
-    /// A setting of `hit` is out of range.
     pub fn fixed(&self, hit: &WallHit) -> Result<Simulation<Fixed>, SettingsError> {
         let parts = self.parts.clone();
         Ok(Simulation::new(parts, self.core(hit)?, self.sensing(hit), self.start_m(hit)))
     }
 
     /// The loop around the `f64` twin, ready for sample 0 of a hit.
-    ///
-    /// # Errors
-    /// A setting of `hit` is out of range.
     pub fn twin(
         &self,
         hit: &WallHit,

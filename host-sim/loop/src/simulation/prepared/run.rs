@@ -20,7 +20,6 @@ use crate::{
     },
 };
 
-/// Function that gets every sample of a hit.
 pub(super) type Observer<'a> = dyn FnMut(&Sample) + 'a;
 
 /// Number of samples between two checks whether the verdict is certain.
@@ -50,9 +49,6 @@ impl PreparedScene {
     }
 
     /// The same as [`hit`](Self::hit), but without an observer.
-    ///
-    /// # Errors
-    /// The errors of [`hit`](Self::hit).
     pub fn report(&self, numeric: Numeric, hit: &WallHit) -> Result<HitReport, HitError> {
         let report = self.at_pushes(numeric, hit, false)?;
         report.ok_or(HitError::OutOfRange(0)) // never an error: each hit was run to its end

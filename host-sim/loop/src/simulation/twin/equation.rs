@@ -67,10 +67,6 @@ impl From<BiquadDesign> for LowPass {
 }
 
 impl Equation {
-    /// The equation of these settings.
-    ///
-    /// # Errors
-    /// A parameter is out of range.
     pub fn of(settings: &VelocitySettings, design: &Design) -> Result<Self, SettingsError> {
         use VelocitySettings as V;
         settings.build(design)?; // checks the ranges

@@ -81,9 +81,6 @@ impl TwinEstimator {
     }
 
     /// Makes an estimator with these settings, at rest.
-    ///
-    /// # Errors
-    /// A parameter is out of range.
     pub fn new(settings: &VelocitySettings, design: &Design) -> Result<Self, SettingsError> {
         let equation = Equation::of(settings, design)?;
         let low_pass = match equation {

@@ -5,7 +5,7 @@
 
 use zwidth::velocity::{ObserverDesign, TrackingLoop};
 
-/// A state below this value is set to zero, because subnormal numbers would make the loop slow.
+/// Largest state that is set to zero, because subnormal numbers would make the loop slow.
 const FLUSH_BELOW: f64 = 1e-30;
 
 /// The state: position error `x - x^`, velocity v^ and disturbance d^, in counts and samples. The tracking loop has no

@@ -21,7 +21,7 @@ use zwidth::{
 
 use crate::simulation::controller::{Controller, ControllerOutput};
 
-/// A filter state below this value is set to zero. Subnormal numbers would make the loop seven times slower.
+/// Largest filter state that is set to zero. Subnormal numbers would make the loop seven times slower.
 pub(crate) const FLUSH_BELOW: f64 = 1e-30;
 
 /// Largest number of differences in an estimator's state.
@@ -60,9 +60,6 @@ pub(crate) const ROUND_TO_LSB: f64 = 1.5 * (1u64 << 36) as f64;
 
 impl Twin {
     /// The twin of a core that has these settings and is at rest at `count`. `push` is a fraction of full scale.
-    ///
-    /// # Errors
-    /// A setting is out of range.
     pub fn new(
         settings: &Settings,
         design: &Design,

@@ -4,7 +4,7 @@ use zwidth::velocity::{Edge, SPAN_MAX};
 
 /// Number of stored edges: one for each sample of the longest span, and one older edge.
 const LENGTH: usize = SPAN_MAX as usize + 2;
-/// After this number of samples without an edge, the handle counts as at rest.
+/// Number of samples without an edge after which the handle counts as at rest.
 const STANDSTILL: f64 = 32_768.0;
 
 #[derive(Clone, Copy, Debug)]

@@ -21,8 +21,8 @@ use super::{
 };
 
 const CUTOFF_SIZE: f64 = 11.0;
-/// Distance from the frame to the middle of the first row of numbers. The next constant is the distance from one row to
-/// the next.
+/// Distance from the frame to the middle of the first row of numbers. `ROW_PITCH` is the distance from one row to the
+/// next.
 pub(super) const ROW_DROP: f64 = 12.5;
 pub(super) const ROW_PITCH: f64 = 13.0;
 /// Number of rows of numbers. If no row has space for the number of a cutoff, the cutoff has only a tick.

@@ -32,7 +32,7 @@ const TOP: f64 = 112.0;
 const RIGHT: f64 = WIDTH - MARGIN - 8.0;
 const PLOT_HEIGHT: f64 = 220.0;
 const MOST_TICKS: usize = 7;
-/// The axis reaches at least this factor of the largest value, so that the mark of the largest area is inside the frame.
+/// Smallest end of the axis, as a multiple of the largest value. So the mark of the largest area is inside the frame.
 const HEADROOM: f64 = 1.03;
 
 const KEY_MIDDLE: f64 = 60.0;
@@ -53,7 +53,7 @@ const IDEAL_RADIUS: f64 = 6.0;
 const IDEAL_HOLE: f64 = 4.2;
 const BAND_OPACITY: f64 = 0.18;
 const RANGE_OPACITY: f64 = 0.13;
-/// The shaded range extends this far beyond its outermost cutoffs, so that all their points are inside.
+/// Distance by which the shaded range extends beyond its outermost cutoffs, so that all their points are inside.
 const RANGE_MARGIN: f64 = 6.0;
 
 #[derive(Debug, Clone, PartialEq)]

@@ -23,7 +23,7 @@ pub struct Measured {
 
 /// Columns of the walk file, if the scene is linear.
 const COLUMNS: [&str; 3] = ["cutoff_hz", "damping_n_s_per_m", "stiffness_n_per_m"];
-/// A measured B belongs to a B of the scene's walk if their distance is at most this value, in steps of B.
+/// Largest distance of a measured B from the B of the scene's walk to which it belongs, in steps of B.
 const NEAR: f64 = 1e-3;
 
 impl Measured {

@@ -65,7 +65,7 @@ pub struct Point {
 /// wall. Each frequency is shifted by up to a few parts in a thousand, so that no pattern of counts repeats during the
 /// measurement.
 pub const FREQUENCIES_HZ: [f64; 7] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0];
-/// Smallest relative error that is kept. Smaller errors are set to this value.
+/// Smallest relative error. Smaller errors are set to it.
 pub const FLOOR: f64 = 1e-3;
 /// Names of the elements that the computed impedance does not include.
 pub const LEFT_OUT: &str = "saturation, push-only, output quantisation, amplifier error, mode, backlash, arm, friction, cogging, travel limits";

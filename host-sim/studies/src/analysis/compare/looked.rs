@@ -13,7 +13,7 @@ use crate::{error::Error, numerics::statistics::Repeats, study::boundary::Bounda
 /// is half a count further. The repeats never use these starts.
 pub(in crate::analysis) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
 
-/// A tuning is walked from the second start only if its first area is at least this share of the best area.
+/// Smallest first area of a tuning that is also walked from the second start, as a share of the best area.
 pub const CAN_WIN: f64 = 0.95;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,7 +74,7 @@ impl<T> Looked<T> {
         self.made.iter().find(|(other, _)| other == settings).map_or(&[], |(_, made)| made)
     }
 
-    /// Mean of the areas of a tuning that are known so far; 0 if none is known.
+    /// Mean of the known areas of a tuning, or 0 if no area is known yet.
     fn mean(&self, settings: &VelocitySettings, area: impl Fn(&(T, Boundary)) -> f64) -> f64 {
         Repeats::of(self.of(settings).iter().map(&area)).mean
     }

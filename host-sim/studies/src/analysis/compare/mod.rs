@@ -227,7 +227,6 @@ impl Place {
 pub struct Compared {
     pub entry: Entry,
     pub settings: VelocitySettings,
-    /// The result of the search, with its boundaries.
     pub tuned: Tuned,
     /// Boundaries of this tuning by the scene's own criterion. `None` if the search already used that criterion.
     pub beside: Option<Boundaries>,

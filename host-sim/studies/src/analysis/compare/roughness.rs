@@ -17,7 +17,6 @@ use crate::{
     study::sweep::start_offset_counts,
 };
 
-/// Results of a contact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contact {
     /// Whether the wall is stable with this estimator from every start.
@@ -26,7 +25,7 @@ pub struct Contact {
     pub roughness_n: Vec<f64>,
 }
 
-/// Only force components above this frequency count as roughness.
+/// Frequency above which force components count as roughness, in Hz.
 pub const ROUGH_ABOVE_HZ: f64 = 100.0;
 pub const HITS: u32 = 16;
 

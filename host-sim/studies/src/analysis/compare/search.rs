@@ -52,22 +52,22 @@ impl Budget {
 
 /// Largest number of walks for one tried tuning of a search.
 pub const WALKS_OF_A_TRY: u32 = 2;
-/// A search with two parameters may try this many times as many tunings as a search with one parameter.
+/// Number of tunings that a search with two parameters may try, divided by the number for one parameter.
 pub const OF_TWO: u32 = 4;
 /// The share of the tunings that the evenly spaced first step uses, as numerator and denominator. The first fraction is
 /// for one axis, the second is for two.
 const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
-/// Number of lines of the first grid along the second axis. The axis is divided into this many equal parts, and each
-/// line is in the middle of a part.
+/// Number of lines of the first grid along the second axis. Each line is in the middle of one of `LINES` equal parts of
+/// the axis.
 const LINES: u32 = 3;
-/// A neighbour counts as better if its area is larger by more than this share.
+/// Smallest gain of area with which a neighbour counts as better, as a share.
 pub const GAIN: f64 = 0.002;
 /// The search ends at this step, a ratio of two bandwidths. For whole-number tunings it ends at `LEAST_STEP`.
 pub const LAST_STEP: f64 = 1.03;
 /// Smallest step on any axis, as a share of the axis.
 const LEAST_STEP: f64 = 1e-4;
-/// Factor by which the bandwidth of a wrong tuning is wrong. The loss of area at this tuning shows how critical the
-/// tuning is.
+/// Factor by which the bandwidth of a wrong tuning is too large or too small. The loss of area at this tuning shows how
+/// critical the tuning is.
 pub const WRONG_BY: f64 = 1.2;
 /// Relative error of the mass in a wrong model. Both a larger and a smaller mass are tried.
 pub const MASS_WRONG_BY: f64 = 0.2;
@@ -298,7 +298,7 @@ impl Search {
             };
             for (n, &direction) in directions.iter().enumerate() {
                 let place = to(direction);
-                // The opposite direction may be needed next, so it is walked in parallel with this one.
+                // The opposite direction may be needed next, so it is walked in parallel with the present direction.
                 let soon = directions.get(n + 1).filter(|_| n % 2 == 0).map(|next| to(*next));
                 if search.tried.len() >= limit as usize && search.is_new(axes, place) {
                     return Ok(search);
@@ -316,7 +316,7 @@ impl Search {
         Ok(search)
     }
 
-    /// Tries those of the places that are new, as long as the limit allows it.
+    /// Tries the new ones of the places, as long as the limit allows it.
     fn look_at(
         &mut self,
         axes: &Axes,

@@ -71,9 +71,6 @@ const SPEEDS: [f64; 6] = [0.010_618, 0.038_197, 0.123_606, 0.381_966, 1.127_3, 2
 type Motion<'a> = dyn FnMut(u32) -> [f64; 2] + 'a;
 
 /// Measures the filter `velocity` with the values of the scene.
-///
-/// # Errors
-/// A parameter is out of range.
 pub fn measure(scene: &Scene, velocity: VelocitySettings) -> Result<Signal, SettingsError> {
     let bench = Bench { scene, velocity };
     let count_per_sample = scene.encoder.resolution_m * scene.control.rate_hz;

@@ -58,7 +58,7 @@ pub struct Criterion {
     pub name: &'static str,
     /// Unit in printed tables.
     pub unit: &'static str,
-    /// The value in the CSV's unit times this factor is the value in the printed unit.
+    /// Factor from the CSV's unit to the printed unit.
     pub scale: f64,
     /// Number of digits after the point in printed tables.
     pub digits: usize,
@@ -226,7 +226,6 @@ pub fn parameters(c: &Compared) -> [Option<Parameter>; 2] {
     })
 }
 
-/// Value and unit of a parameter.
 pub(super) fn value_and_unit(settings: &VelocitySettings, n: usize) -> [Cell; 2] {
     let parameter = settings.parameter(n);
     parameter.map_or([Cell::Empty, Cell::Empty], |(of, value)| [value.into(), of.unit.into()])

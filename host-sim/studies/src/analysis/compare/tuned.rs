@@ -15,7 +15,7 @@ pub struct Tried {
     pub walks: u32,
 }
 
-/// The reason why the search range ends where it ends.
+/// Reason for an end of the search range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Edge {
     /// The core accepts no value beyond the end.

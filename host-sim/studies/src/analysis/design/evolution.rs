@@ -24,7 +24,7 @@ use crate::{
 const MAIN: usize = 24;
 /// Number of members that have each further cap.
 const EACH: usize = 8;
-/// When a member tries a step, this share of its coordinates changes.
+/// Share of a member's coordinates that change when the member tries a step.
 const CROSSING: f64 = 0.8;
 
 /// A point of the search. Each coordinate is 0 to 1.
@@ -39,9 +39,6 @@ pub trait Field<const N: usize> {
     /// Gain peak of the filter at a point, in dB. It is infinite if there is no filter at this point.
     fn peak_db(&self, place: &Place<N>) -> f64;
     /// Quality of the filters at these points.
-    ///
-    /// # Errors
-    /// The filters could not be walked.
     fn worths(&mut self, places: &[Place<N>]) -> Result<Vec<f64>, Error>;
 }
 
@@ -130,7 +127,7 @@ pub fn evolve<const N: usize>(
     Ok(found)
 }
 
-/// The Gaussian is computed from this number of best filters.
+/// Number of best filters from which the Gaussian is computed.
 const SPREAD: usize = 12;
 /// Number of points that are drawn in a round.
 const ROUND: usize = 40;

@@ -46,23 +46,23 @@ use crate::{
     },
 };
 
-/// The grid of the search is so coarse that the reference's boundary has this number of columns, and this number of
-/// rows up to its peak.
+/// Number of columns of the reference's boundary on the grid of the search. Up to its peak the boundary has the same
+/// number of rows.
 const COLUMNS: f64 = 28.0;
 /// The number of columns on the grid of the refinement.
 const FINE_COLUMNS: f64 = 56.0;
-/// The refinement gets this share of the budget.
+/// Share of the budget that the refinement gets.
 const REFINE: f64 = 0.2;
 /// Positions at which the walks start that choose among the best filters, in counts. They are the starts of a search
 /// and two starts between them.
 const CHOICE: [f64; 4] =
     [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
-/// This number of best filters is walked again on the scene's grid, for each cap and for each grid of the search.
+/// Number of best filters that are walked again on the scene's grid, for each cap and for each grid of the search.
 const CHOSEN: usize = 8;
 /// The result also has the best filters below these caps on the gain peak, in dB. Only caps below the requested cap are
 /// used.
 const FRONT_DB: [f64; 6] = [12.0, 9.0, 6.0, 4.5, 3.0, 1.5];
-/// A mistuned filter has a frequency or a damping that is too large or too small by this factor.
+/// Factor by which the frequency or the damping of a mistuned filter is too large or too small.
 pub const MISTUNED_BY: f64 = 1.2;
 
 /// The circumstances for which a filter is designed: the push, the hand and the limit.

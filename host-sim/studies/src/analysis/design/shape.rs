@@ -29,7 +29,7 @@ const FREE: f64 = 0.1;
 const LEAD: [f64; 2] = [-2.0, 4.0];
 /// Largest lead that the second zero may add, in units of `1 / w`.
 const SECOND: f64 = 3.0;
-/// The gain is computed at this number of frequencies up to half the sample rate.
+/// Number of frequencies, up to half the sample rate, at which the gain is computed.
 const LOOKS: u32 = 400;
 /// Lowest frequency at which the gain is computed, as a fraction of half the sample rate.
 const LOWEST: f64 = 1e-3;

@@ -1,4 +1,4 @@
-//! Possible changes of a device, and the cost of each change. A change is of one element.
+//! Possible changes of a device, and the cost of each change. Each change concerns one element.
 
 use zwidth::velocity::EstimatorName;
 

@@ -46,7 +46,7 @@ use crate::{
 
 /// Number of estimators that are searched in full after the screening.
 const FINALISTS: usize = 3;
-/// The full search of an estimator may try this many times the usual number of tunings.
+/// Number of tunings of an estimator's full search, divided by the usual number.
 const FINAL_TUNINGS: u32 = 2;
 /// Number of walks that each change needs in addition to its search. The scene is walked with the change's tuning. The
 /// change is walked with its own tuning and with the scene's tuning.

@@ -9,7 +9,7 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// A missed area is reported from this share on.
+/// Smallest missed area that is reported, as a share.
 const MISSED: f64 = 0.01;
 
 /// The value with three significant digits. Values below 1 have them too.

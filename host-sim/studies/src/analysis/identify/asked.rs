@@ -113,8 +113,8 @@ pub struct Asked {
     pub spring: bool,
     /// Terms that are fitted in addition to mass, damping and spring.
     pub terms: Terms,
-    /// Position at which the spring rests if no other force acts, in m or in the units of the options. The next two
-    /// lengths have the same units.
+    /// Position at which the spring rests if no other force acts, in m or in the units of the options. `encoder_cycle`
+    /// and `resolution` have the same units.
     pub rest_position: Option<f64>,
     /// Distance over which the encoder's signals repeat.
     pub encoder_cycle: Option<f64>,
@@ -212,9 +212,6 @@ pub(super) fn of_records(
 }
 
 /// Reads a record from a file in any accepted format. Error messages name the base scene with `base_name`.
-///
-/// # Errors
-/// The file cannot be read, or is no record.
 pub fn read(
     path: &Path,
     (base, base_name): (&NamedScene, &str),

@@ -8,17 +8,18 @@ use super::{
 };
 use crate::{range::refused, scene::ranges};
 
-/// A record must travel over at least this number of counts.
+/// Smallest travel of a record, in counts.
 const FEWEST_COUNTS: f64 = 20.0;
-/// A position may be this far from a whole count, in counts. The tolerance allows for the rounding of printed numbers.
+/// Largest distance of a position from a whole count, in counts. The tolerance allows for the rounding of printed
+/// numbers.
 const OFF_GRID_MAX: f64 = 0.01;
-/// The voltage must change by at least this share of its limit. Otherwise it does not excite the device.
+/// Smallest change of the voltage, as a share of its limit. A smaller change does not excite the device.
 const EXCITATION_MIN: f64 = 1e-4;
-/// The model must explain at least this share of the motion's variance. If it explains less, effects outside the model
+/// Smallest share of the motion's variance that the model must explain. If it explains less, effects outside the model
 /// are as large as the parameters themselves.
 pub(super) const EXPLAINED_MIN: f64 = 0.99;
-/// A parameter counts as 0 if its effect on the response is below this share. The largest effect over the whole record
-/// counts.
+/// Smallest effect on the response with which a parameter does not count as 0, as a share. The largest effect over the
+/// whole record counts.
 const NEGLIGIBLE: f64 = 0.1;
 
 /// Refuses a record that cannot be fitted.
@@ -141,16 +142,16 @@ pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<S
     questions
 }
 
-/// A step is reported if it has at least this size in counts, and at least this ratio to the RMS of the steps around
-/// it.
+/// A step is reported if it has at least `STEP_COUNTS` counts, and is more than `STEP_PER_RMS` times the RMS of the
+/// steps around it.
 const STEP_COUNTS: f64 = 3.0;
 const STEP_PER_RMS: f64 = 6.0;
-/// A step is compared with this number of rows on each side. The new level must last for the number of rows below.
+/// A step is compared with `AROUND` rows on each side. The new level must last for `STAYS` rows.
 const AROUND: usize = 50;
 const STAYS: usize = 5;
 
-/// Finds a lasting step of the residual. Returns the row after the first at which it is, and its size in counts. A
-/// force cannot cause such a step of the position.
+/// Finds a lasting step of the residual. Returns the row in which it comes, counted from the first row, and its size in
+/// counts. A force cannot cause such a step of the position.
 pub(super) fn step(residual_counts: &[f64]) -> Option<(usize, f64)> {
     let steps: Vec<f64> = residual_counts.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let middle = |rows: &[f64]| {

@@ -43,7 +43,7 @@ const CONDITION_MAX: f64 = 1e8;
 /// least this part of the largest component.
 const NAMED_SHARE: f64 = 0.3;
 
-/// A hidden term widens an interval if the term could move the value by more than this number of half-widths.
+/// A hidden term widens an interval if it could move the value by more than `FAR_OUTSIDE` half-widths.
 const FAR_OUTSIDE: f64 = 3.0;
 
 /// A value and its 95 % interval.
@@ -218,7 +218,7 @@ pub(super) struct Hidden {
     pub by: DVector<f64>,
     /// The part of this derivative that is orthogonal to the model's own derivatives.
     pub left: DVector<f64>,
-    /// The parameter is never larger than this, whatever the record is.
+    /// The parameter is never larger than this value, whatever the record is.
     pub most: f64,
 }
 

@@ -11,10 +11,10 @@ use crate::numerics::fft::RealSpectrum;
 
 /// Shortest cycle that the search finds, in bins.
 const SHORTEST: usize = 8;
-/// The travel must have at least this number of cycles.
+/// Smallest number of cycles in the travel.
 const FEWEST: usize = 4;
 const BINS_MAX: f64 = 65_536.0;
-/// A line is compared with this number of neighbours on each side.
+/// Number of neighbours on each side with which a line is compared.
 const NEIGHBOURS: usize = 16;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

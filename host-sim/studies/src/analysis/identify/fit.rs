@@ -28,31 +28,31 @@ use super::{
     weighting::Weighting,
 };
 
-/// The solver gives up after this number of evaluations per parameter. It usually needs about five evaluations in
-/// total.
+/// Largest number of evaluations per parameter. The solver usually needs about five evaluations in total.
 const PATIENCE: usize = 50;
-/// The same limit for a fit with further terms. It is lower, because such searches fail often and each evaluation takes
-/// longer.
+/// Like [`PATIENCE`], for a fit with further terms. It is lower, because such searches fail often and each evaluation
+/// takes longer.
 const PATIENCE_OF_TERMS: usize = 8;
-/// A search with derivatives by differences ends when the sum of squares or the values change by less than this share.
+/// Change of the sum of squares and of the values below which a search with derivatives by differences ends, as a
+/// share.
 const TOLERANCE: f64 = 1e-10;
-/// This value replaces a model value that is not finite. The solver then takes a shorter step.
+/// Replaces a model value that is not finite. The solver then takes a shorter step.
 const FAR: f64 = 1e100;
 
-/// For a derivative by differences, a parameter changes by this share of its resolution.
+/// Change of a parameter for a derivative by differences, as a share of its resolution.
 const DIFFERENCE: f64 = 1e-6;
-/// The same share if the motion is computed in short stretches.
+/// Like [`DIFFERENCE`], if the motion is computed in short stretches.
 const DIFFERENCE_CURVED: f64 = 1e-4;
-/// Derivatives are computed again as differences at most this many times. For these differences, the parameters change
-/// by their standard errors.
+/// Largest number of times that derivatives are computed again as differences. For these differences, the parameters
+/// change by their standard errors.
 const SECANTS: usize = 6;
-/// Two sets of derivatives count as equal if they differ by less than this share.
+/// Largest difference of two sets of derivatives that count as equal, as a share.
 const SECANT_SAME: f64 = 0.02;
 
 /// Largest number of Gauss-Newton steps, and of halvings of one step.
 const POLISHES: usize = 20;
 const HALVINGS: i32 = 6;
-/// A step is useful if it reduces the sum of squares by at least this share of the mean square. The second constant is
+/// Smallest reduction of the sum of squares by a useful step, as a share of the mean square. [`PROFILED`] is this share
 /// for a fit with one fixed value.
 const POLISHED: f64 = 1e-2;
 const PROFILED: f64 = 0.1;

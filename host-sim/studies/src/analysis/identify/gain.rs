@@ -16,7 +16,6 @@ pub enum Gain {
     Force,
     /// The gain follows from motor and amplifier (paper, section 2.2.2): `k_t k_amp / r_c`.
     Motor {
-        /// Torque constant k_t, in N m/A.
         torque_constant_n_m_per_a: f64,
         /// Amplifier gain k_amp, in A/V.
         amplifier_a_per_v: f64,

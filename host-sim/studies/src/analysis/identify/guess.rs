@@ -54,14 +54,14 @@ pub(super) fn without_mass(
     (drive > 0.0).then_some(explained)
 }
 
-/// A record is divided into this many windows, one division after the other. Short windows suit devices that oscillate
-/// or reverse often. Long windows reduce noise.
+/// Numbers of windows into which a record is divided, one division after the other. Short windows suit devices that
+/// oscillate or reverse often. Long windows reduce noise.
 pub(super) const WINDOWS: [usize; 3] = [400, 100, 25];
-/// A window has at least this number of rows.
+/// Smallest number of rows in a window.
 const WINDOW_ROWS: usize = 12;
-/// At least this number of windows must be in motion.
+/// Smallest number of windows that must be in motion.
 const FEWEST_WINDOWS: usize = 8;
-/// A window is in motion if each quarter moves at least this share of the motion in the fastest window.
+/// Smallest motion in each quarter of a window in motion, as a share of the motion in the fastest window.
 const IN_MOTION: f64 = 0.02;
 
 /// Weight over a window. The weight and its first two derivatives are 0 at both ends. The position `s` in the window is

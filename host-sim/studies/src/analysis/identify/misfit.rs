@@ -18,9 +18,9 @@ use super::residual::{Residual, Weighed};
 use crate::numerics::random;
 
 const COPIES: u64 = 40;
-/// A record is divided into this number of stretches. The mean of each stretch is computed.
+/// Number of stretches into which a record is divided. The mean of each stretch is computed.
 const BLOCKS: usize = 200;
-/// A residual does not agree with the model if its measure is beyond this number of standard deviations.
+/// Largest measure of a residual that agrees with the model, in standard deviations.
 const BEYOND: f64 = 6.0;
 /// A smaller ratio of mean squares gives no warning.
 const WORTH: f64 = 1.15;
@@ -30,7 +30,7 @@ const WORTH: f64 = 1.15;
 pub(super) enum Misfit {
     /// RMS of the residual, and RMS that the model allows, in counts.
     Larger(f64, f64),
-    /// The same two values for the means over stretches, in counts.
+    /// RMS of the means over stretches, and RMS that the model allows for these means, in counts.
     Coloured(f64, f64),
     /// The residual of the readings in motion is too large.
     InMotion,

@@ -8,9 +8,9 @@ use super::{
 };
 use crate::numerics::fft::RealSpectrum;
 
-/// A cause is only named if it explains at least this share of the residual.
+/// Smallest share of the residual that a named cause explains.
 const NAMED_SHARE: f64 = 0.1;
-/// A frequency counts as a vibration if it has at least this share of the residual's power.
+/// Smallest share of the residual's power with which a frequency counts as a vibration.
 const LINE_SHARE: f64 = 0.3;
 /// Lowest frequency that counts as a vibration, in Hz.
 const VIBRATION_HZ: f64 = 5.0;

@@ -59,9 +59,9 @@ use layout::{Included, Layout, Parameter, Values};
 use misfit::Misfit;
 use search::{Model, Search};
 
-/// If the latency is fitted, the fit begins later in the record by this time, in s.
+/// Time by which the fit begins later in the record if the latency is fitted, in s.
 const LATENCY_ROOM_S: f64 = 0.01;
-/// A residual above this multiple of the RMS is an outlier. Gaussian noise is above it in one of 10^10 rows.
+/// Largest residual that is no outlier, as a multiple of the RMS. Gaussian noise is above it in one of 10^10 rows.
 const OUTLIER: f64 = 6.5;
 
 /// What is known before an identification, and its options.
@@ -240,7 +240,7 @@ fn mean(record: &Record) -> f64 {
     record.position_m.iter().sum::<f64>() / record.len() as f64
 }
 
-/// First row from which on no command acts that is older than the record.
+/// First row from which on all commands that act are in the record.
 fn first_row(record: &Record, options: &Options) -> Result<usize, String> {
     let room_s = if options.fit_latency { options.latency_s + LATENCY_ROOM_S } else { 0.0 };
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]

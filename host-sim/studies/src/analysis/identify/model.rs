@@ -170,7 +170,7 @@ pub(super) fn response(record: &Record, first: usize, reduced: &Reduced) -> Vec<
 /// A record's voltage after the latency, as the device gets it.
 pub(super) struct Held<'a> {
     command: &'a [f64],
-    /// The whole rows of the latency.
+    /// Latency in whole rows.
     rows: i64,
     /// The rest of the latency, at least 0 and below 1 row. The older voltage acts during this part of a row.
     pub fraction: f64,

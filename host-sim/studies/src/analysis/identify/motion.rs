@@ -26,14 +26,14 @@ const EVENTS_MAX: usize = 8;
 /// Largest number of iterations to find the instant of an event.
 const SEARCH: usize = 60;
 
-/// A stretch has one of this number of lengths: a step, half a step, a quarter and so on.
+/// Number of possible lengths of a stretch: a step, half a step, a quarter and so on.
 const LEVELS: usize = 7;
-/// Over a stretch, the speed may change by at most this share of the Stribeck speed. The handle may move by at most
-/// this angle of the cogging, in rad.
+/// Largest change of the speed over a stretch, as a share of the Stribeck speed. It is also the largest motion over a
+/// stretch, as an angle of the cogging in rad.
 const STRETCH: f64 = 0.25;
-/// At speeds above this multiple of the Stribeck speed, friction equals Coulomb friction.
+/// Speed above which friction equals Coulomb friction, as a multiple of the Stribeck speed.
 const SLOW: f64 = 3.5;
-/// A share of a step below this value is a rounding error.
+/// Largest share of a step that is a rounding error.
 const SAME: f64 = 1e-9;
 
 /// The parameters of one record's motion. Forces are divided by the mass.

@@ -25,9 +25,9 @@ const OF_SPEED: f64 = 0.5;
 const OF_FULL: f64 = 0.5;
 /// Longest time to wait until the handle is back at the start, in s.
 const BACK_S: f64 = 2.0;
-/// An excursion below this value is too small to be useful, in counts.
+/// Smallest useful excursion, in counts.
 const FEWEST_COUNTS: f64 = 200.0;
-/// The force is halved at most this many times.
+/// Largest number of times that the force is halved.
 const HALVINGS: u32 = 12;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

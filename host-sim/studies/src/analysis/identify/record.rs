@@ -13,7 +13,7 @@ use crate::{
 pub const FEWEST_ROWS: usize = 100;
 /// Largest number of rows in a record: 100 s at 10 kHz. An identification with so many rows takes half a minute.
 pub const MOST_ROWS: usize = 1_000_000;
-/// A time stamp may be this far from an even grid, in steps. The tolerance allows time stamps with few digits.
+/// Largest distance of a time stamp from an even grid, in steps. The tolerance allows time stamps with few digits.
 const JITTER_MAX: f64 = 0.1;
 /// Allowed time between two rows, in s. It begins at 10 us (100 kHz), and its end is slow enough for any hand-held
 /// device.
@@ -22,7 +22,7 @@ const STEP_S: RangeInclusive<f64> = 1e-5..=0.1;
 pub(super) const IN_MM: &str = "; position_m is in m: are these mm?";
 /// Largest travel of a handle, in m. There is no limit for an angle.
 const TRAVEL_MAX_M: f64 = 5.0;
-/// When a 16-bit counter wraps, the position changes by this number of counts.
+/// Change of the position when a 16-bit counter wraps, in counts.
 const WRAP: f64 = 65_536.0;
 /// Command and position on an even grid of time.
 #[derive(Clone, Debug, PartialEq)]

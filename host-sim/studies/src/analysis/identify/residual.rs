@@ -23,7 +23,7 @@ use super::{
 };
 use crate::scene::Rounding;
 
-/// The Ljung-Box test uses this number of lags.
+/// Number of lags of the Ljung-Box test.
 const LAGS: usize = 20;
 /// Significance level of the test. One of a thousand white residuals fails it.
 const WHITE_P: f64 = 1e-3;
@@ -31,14 +31,14 @@ const WHITE_P: f64 = 1e-3;
 const MOVING: f64 = 0.05;
 /// Number of rows in a block. Within a block the model's own error is taken as constant.
 const BLOCK: usize = 128;
-/// The coherence is measured if at least this number of blocks is in motion. Otherwise it is set to 1.
+/// Smallest number of blocks in motion with which the coherence is measured. With fewer blocks it is set to 1.
 const FEWEST_BLOCKS: usize = 4;
-/// A residual with at least this coherence is bound by quantisation. The noise is then below 0.28 counts RMS.
+/// Smallest coherence of a residual that is bound by quantisation. The noise is then below 0.28 counts RMS.
 const BOUND: f64 = 0.2;
-/// A residual only counts as bound by quantisation if its squared coherence is this number of standard errors above 0.
+/// A residual counts as bound by quantisation only if its squared coherence is at least `CERTAIN` standard errors above
+/// 0.
 const CERTAIN: f64 = 4.0;
-/// A sensor without counts has residuals in this share of the motion as their unit. With this unit the values are near
-/// 1.
+/// Unit of the residuals of a sensor without counts, as a share of the motion. With this unit the values are near 1.
 const UNIT_SHARE: f64 = 1e-6;
 /// Number of harmonics of the sawtooth that are computed.
 pub(super) const HARMONICS: u32 = 64;

@@ -33,7 +33,7 @@ const LAG_STARTS: [f64; 2] = [0.5, 3.0];
 const FALLS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const RISE: f64 = 0.2;
 const FAST_ROWS: usize = 8;
-/// A model with a curve should leave at most this share of the sum of squares, because a curve also follows other
+/// Largest share of the sum of squares that a model with a curve should leave, because a curve also follows other
 /// missing effects. A curve that leaves more is only accepted if the model with this curve explains the residual.
 const CURVE_LEAVES: f64 = 0.25;
 /// Amplitude of a force that is tried, as a share of the largest command.
@@ -42,21 +42,22 @@ const SMALL_FORCE: f64 = 1e-4;
 const STRIDES_OF_COGS: [usize; 3] = [2, 8, 32];
 /// First change of a parameter along the profile of the likelihood, in half-widths.
 const PROFILE_FROM: f64 = 1.0;
-/// This change is doubled at most this many times.
+/// Largest number of times that the change [`PROFILE_FROM`] is doubled.
 const PROFILE_STEPS: usize = 10;
-/// A fit is made from this number of starts.
+/// Number of starts from which a fit is made.
 const STARTS_TAKEN: usize = 3;
-/// Limit for the ratio of two missing forces, the second with twice the stride. A force from position noise falls to
-/// 1/4. A white force falls by the root of 2. The limit is between these two ratios.
+/// Limit for the ratio of two missing forces. The second force is computed with twice the stride of the first. If
+/// position noise makes the force, the ratio is 1/4. For a white force it is the root of 1/2. The limit is between
+/// these two ratios.
 const STILL_NOISE: f64 = 0.5;
-/// The shortest record must have this many times the rows of the longest stride.
+/// Smallest number of rows of the shortest record, divided by the rows of the longest stride.
 const STRIDES: usize = 20;
-/// Estimates are compared with those of a stride that is shorter and a stride that is longer by this factor.
+/// The estimates are also computed with a stride that is shorter by the factor `ASIDE`, and with a longer one. Then the
+/// estimates are compared.
 const ASIDE: usize = 4;
-/// After a step of the search, the friction is limited to this share of the largest force.
+/// Largest friction after a step of the search, as a share of the largest force.
 const FRICTION_MOST: f64 = 0.5;
 
-/// A model and its fit.
 pub(super) struct Model {
     pub solution: Solution,
     pub weighed: Weighed,
@@ -398,7 +399,7 @@ impl Search<'_> {
         {
             model = twice;
         }
-        // With an encoder error that is steeper than this, the reading would fall while the position rises.
+        // With a steeper encoder error, the reading would fall while the position rises.
         let [first, second, _, cycle] = model.estimates.phase?;
         let is_encoder = TAU * (first.value + 2.0 * second.value.abs()) < cycle.value;
         (is_encoder && model.squares() < before.squares()).then_some(model)
@@ -703,7 +704,7 @@ impl Search<'_> {
         }
     }
 
-    /// The values without some first speeds: those of records in which friction holds the handle at the first row.
+    /// The values without the first speeds of those records in which friction holds the handle at the first row.
     fn held(&self, values: Values) -> Values {
         let problem = self.problem(values);
         let (layout, values) = (*problem.values.layout(), &problem.values);
@@ -727,7 +728,7 @@ impl Search<'_> {
             .fold(0, |bits, index| bits | 1 << index)
     }
 
-    /// The values after one Gauss-Newton step, and the reduction of the sum of squares that it promises.
+    /// The values after one Gauss-Newton step, and the expected reduction of the sum of squares.
     fn linear_step(&self, values: &Values) -> Option<(Values, f64)> {
         let problem = self.problem(values.clone());
         let residual = -problem.residuals()?;

@@ -111,7 +111,7 @@ impl Term {
 /// Which terms are fitted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Terms {
-    /// Those that the record shows.
+    /// The terms that the record shows.
     #[default]
     Auto,
     /// Exactly these terms, even if the record does not show them.

@@ -560,7 +560,7 @@ fn no_error_of_the_encoder_is_found_that_its_rows_cannot_show() {
     holds(&axis(truth, 1.0, 1100, 1100), truth);
 }
 
-/// In this loop, friction has almost the same effect as inertia. They differ by only 1 %.
+/// In this loop, friction has almost the same effect as inertia. The two effects differ by only 1 %.
 #[test]
 fn intervals_hold_a_friction_that_looks_like_inertia() {
     let truth = [0.0192, 0.005, 0.02];

@@ -84,8 +84,8 @@ pub struct Loop {
     pub rate_hz: f64,
     /// Number of samples per force output, 1 to [`PERIOD_MAX`].
     pub period: u32,
-    /// Time until the force acts that is computed from a sample, in samples. The latency may be any real number from 0
-    /// to [`LATENCY_MAX_SAMPLES`].
+    /// Time from a sample until the force that is computed from this sample acts, in samples. The latency may be any
+    /// real number from 0 to [`LATENCY_MAX_SAMPLES`].
     pub latency_samples: f64,
     /// Transfer function of the velocity estimator from position to velocity, at the sample rate.
     pub estimator: TransferFunction,

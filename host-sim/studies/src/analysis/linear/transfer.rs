@@ -97,9 +97,6 @@ impl From<LowPass> for TransferFunction {
 
 /// Transfer function of the estimator from position to velocity, in m/s per m. `None` if the estimator is not linear,
 /// or has inputs in addition to the position.
-///
-/// # Errors
-/// A parameter is out of range.
 pub fn transfer_function(
     settings: &VelocitySettings,
     design: &Design,
@@ -114,9 +111,6 @@ pub fn transfer_function(
 /// Response of the estimator to the position alone. For an observer, the known acceleration is 0. Adaptive windowing
 /// uses its longest window. Time stamps have an edge in every sample. `None` for Levant's differentiator, which is not
 /// linear anywhere.
-///
-/// # Errors
-/// A parameter is out of range.
 pub fn position_response(
     settings: &VelocitySettings,
     design: &Design,

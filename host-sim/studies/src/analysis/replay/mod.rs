@@ -31,7 +31,6 @@ const LEAST: usize = 100;
 pub struct Replayed {
     /// Number of the first sample. The samples are consecutive.
     pub first: u64,
-    /// Position of each sample.
     pub positions: Vec<Position>,
     /// Velocity of the board at each sample. It is taken from an output, or computed from key frames and counts.
     pub board: Vec<Velocity>,

@@ -28,13 +28,13 @@ use crate::{
     scene::Scene,
 };
 
-/// The tunings are tried in a design with this sample rate, in Hz. Every estimator has its defaults at this rate.
+/// Sample rate of the design in which the tunings are tried, in Hz. Every estimator has its defaults at this rate.
 const RATE_HZ: f64 = 1e4;
-/// In one pass, the search tries this number of points along an axis.
+/// Number of points along an axis that the search tries in one pass.
 const PLACES: u32 = 9;
 /// Number of passes of the search. Each pass searches a quarter of the range of the pass before.
 const PASSES: i32 = 3;
-/// Both ends of the record are left out for this time, in time constants of the low-pass.
+/// Length of each end of the record that is left out, in time constants of the low-pass.
 const SETTLES: f64 = 2.0;
 
 /// The result of one estimator on the counts of a record.
@@ -301,7 +301,7 @@ mod tests {
         assert!(ranking.spearman > 0.9, "{}", ranking.spearman);
         let rows = &ranking.estimators;
         let of = |name: &str| rows.iter().find(|row| row.estimator == name).unwrap();
-        // Sweeps of the scenes order these estimators in the same way.
+        // Sweeps of the scenes give the same order of these estimators.
         assert!(of("kalman-3").error_m_per_s < of("kalman-2").error_m_per_s);
         assert!(of("butterworth").error_m_per_s < of("difference").error_m_per_s);
         // The error of the plain difference comes from two roundings and from a delay of half a sample.

@@ -45,7 +45,7 @@ pub struct Keys {
     pub scenes: Vec<String>,
     #[serde(default)]
     estimators: Vec<Value>,
-    /// Cutoffs of the study, in Hz. `None` for the cutoffs of each scene.
+    /// Cutoffs of the study, in Hz. `None` stands for the cutoffs of each scene.
     #[serde(default, deserialize_with = "numbers")]
     pub cutoffs_hz: Option<Vec<f64>>,
     #[serde(default, deserialize_with = "numbers")]
@@ -55,7 +55,7 @@ pub struct Keys {
     #[serde(default, deserialize_with = "numbers")]
     dampings: Option<Vec<f64>>,
     repeat: Option<u32>,
-    /// Number of points that make a unit. `None` for the default: as many points as need some seconds.
+    /// Number of points in a unit. With `None`, a unit has as many points as take some seconds.
     pub points_per_unit: Option<u64>,
     #[serde(default)]
     product: Table,
@@ -181,7 +181,7 @@ const REPEAT_MAX: u32 = 1000;
 const PER_UNIT_MAX: u64 = 1_000_000;
 
 impl Keys {
-    /// Checks those rules for the keys that need no scene.
+    /// Checks the rules for the keys that need no scene.
     fn check(&self) -> Result<(), String> {
         if self.scenes.is_empty() {
             return Err("scenes is empty, allowed built-in names and scene files".into());
@@ -297,7 +297,7 @@ impl Keys {
     }
 }
 
-/// Refuses to change a key of a scene that has a key of its own in the study.
+/// Refuses a change of a scene's key if the study itself has a key for it.
 fn may_change(table: &str, key: &str) -> Result<(), String> {
     let place = match key {
         "velocity.estimator" => "the key `estimators` of the study",

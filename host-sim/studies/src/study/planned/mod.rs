@@ -36,8 +36,8 @@ pub const POINTS_MAX: u64 = 1_000_000_000;
 pub const VARIANTS_MAX: u64 = 1_000_000;
 /// Largest number of units that a study may have.
 pub const UNITS_MAX: u64 = 100_000;
-/// By default, a unit has points with about this number of samples. It takes some seconds in lanes, and less than a
-/// minute without lanes.
+/// Approximate number of samples in a unit with the default number of points. Such a unit takes some seconds in lanes,
+/// and less than a minute without lanes.
 const SAMPLES_PER_UNIT: f64 = 1e9;
 /// Estimated number of hits of a walk. It gives the default number of points in a unit. Walks of the paper's devices
 /// have 40 to 160 hits.
@@ -74,7 +74,6 @@ pub struct Block {
 
 #[derive(Clone, Debug)]
 pub struct Study {
-    /// The contents of the study's file.
     pub file: StudyFile,
     /// All combinations of a scene and an estimator.
     pub blocks: Vec<Block>,
@@ -105,7 +104,6 @@ fn filter(scene: &Scene, cutoff_hz: Option<f64>) -> VelocitySettings {
 }
 
 impl Point {
-    /// The hit of this point in a scene.
     fn hit(&self, scene: &Scene) -> WallHit {
         WallHit {
             velocity: filter(scene, self.cutoff_hz),

@@ -11,12 +11,12 @@ use crate::{
     table::{Cell, csv_line},
 };
 
-/// A trial has this number of parts. The time of each part is measured. The spread of these times gives the uncertainty
-/// of the whole time.
+/// Number of parts of a trial. The time of each part is measured. The spread of these times gives the uncertainty of
+/// the whole time.
 const BATCHES: usize = 4;
-/// A run has at most this number of points.
+/// Largest number of points in a run.
 const RUN_MAX: u64 = 64;
-/// A trial ends after this time.
+/// Time after which a trial ends.
 const LONG: Duration = Duration::from_secs(2);
 
 /// An estimated value of the whole study. Its uncertainty comes from the spread of the trial's points or parts.

@@ -48,7 +48,6 @@ impl Hash {
     }
 }
 
-/// SHA-256 of a file's bytes.
 pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }

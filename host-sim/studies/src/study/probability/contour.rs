@@ -128,7 +128,8 @@ fn tried(
     lengths: &[f64],
     numbers: std::ops::Range<u32>,
 ) -> Result<Vec<u32>, Error> {
-    // The draws are processed in groups, because each draw may be a device of its own, which needs memory.
+    // Number of draws that are processed together. It is limited, because each draw may be a device of its own, which
+    // needs memory.
     const PART: usize = 500;
     let numbers: Vec<u64> = numbers.map(u64::from).collect();
     let mut counts = vec![0; lengths.len()];

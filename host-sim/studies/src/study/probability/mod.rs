@@ -38,20 +38,20 @@ use crate::{
 
 /// Number of cells of a map in each direction, from 0 to the largest value that the walks reach.
 const CELLS: u32 = 40;
-/// At first, a map extends to this multiple of the largest value that the walks reach.
+/// First extent of a map, as a multiple of the largest value that the walks reach.
 const BEYOND: f64 = 1.1;
-/// If walls at the edge of the map are still stable, this number of rows or columns is added.
+/// Number of rows or columns that are added if walls at the edge of the map are still stable.
 const MORE: u32 = 8;
 /// Seeds of the random numbers: for devices, for starts, and for the bootstrap.
 const DEVICES: u64 = 0x5eed_0001;
 const STARTS: u64 = 0x5eed_0002;
 const AGAIN: u64 = 0x5eed_0003;
-/// A recommendation is based on this share of the draws, the worst ones.
+/// Share of the draws, the worst ones, on which a recommendation is based.
 pub const WORST: f64 = 0.05;
 /// Smallest number of devices for which the worst 5 % ([`WORST`]) have a lower bound.
 pub const DRAWS_MIN: u32 = 72;
-/// Probability that a value is outside of an interval, on each side. A cutoff also counts as alike only if it leads in
-/// at least this share of the bootstrap samples.
+/// Probability, on each side, that a value is outside of its interval. It is also the share of the bootstrap samples in
+/// which a cutoff must lead to count as equal to the best cutoff.
 const MISS: f64 = 0.025;
 /// Number of bootstrap samples.
 const TIMES: u64 = 1000;
@@ -226,9 +226,8 @@ impl Map {
         f64::from(held) / f64::from(self.trials) * self.step[0] * self.step[1]
     }
 
-    /// Number of undecided cells, divided by the number of cells in which at least some draws are stable: more than one
-    /// in twenty. In an undecided cell, more than one draw in twenty is stable and more than one draw in twenty is
-    /// unstable.
+    /// Share of the cells that are undecided. Only cells in which more than one draw in twenty is stable are counted. A
+    /// cell is undecided if more than one draw in twenty is unstable too.
     pub fn undecided_share(&self) -> f64 {
         let few = WORST * f64::from(self.trials);
         let (hold, fail) =

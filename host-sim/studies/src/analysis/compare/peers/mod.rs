@@ -297,7 +297,7 @@ pub fn compare_peers(
             jobs.push((row(name, does, ""), scene.clone(), velocity));
         }
     }
-    // The last job of each loop has one thing more to do: it also walks the true velocity.
+    // The last job of each loop also walks the true velocity.
     let last = |at: usize| jobs.get(at + 1).is_none_or(|next| next.0.of_loop != jobs[at].0.of_loop);
     let ask = |at: usize| -> Result<Vec<LimitResult>, Error> {
         let (_, scene, velocity) = &jobs[at];

@@ -30,7 +30,6 @@ impl PeerArea<'_> {
         told.map(|told| self.boundaries().area() / told)
     }
 
-    /// Value and unit of the limit.
     fn limit(&self) -> (f64, &'static str) {
         self.study.question.limits[self.limit].told()
     }

@@ -29,7 +29,7 @@ use crate::{
     study::sweep::starts,
 };
 
-/// A column of K is divided into this number of parts. The error is computed in each part.
+/// Number of parts into which a column of K is divided. The error is computed in each part.
 const PARTS: u32 = 100;
 
 pub use table::{UsableArea, UsableStudy, parameters};

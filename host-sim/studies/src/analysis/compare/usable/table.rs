@@ -5,8 +5,7 @@ use serde::{Serialize, Serializer};
 use super::{super::table::value_and_unit, Usable, UsableQuestion};
 use crate::table::{Cell, Kind, Table, Told};
 
-/// One estimator within one limit. It has its rank by the mean area (the largest area has rank 1) and the number of
-/// walks.
+/// One estimator within one limit, with its rank and its number of walks. The largest mean area has rank 1.
 #[derive(Clone, Copy, Debug)]
 pub struct UsableArea<'a> {
     place: usize,

@@ -27,29 +27,29 @@ const OMEGA_MIN: f64 = 1e-8;
 const PER_DECADE: u32 = 32;
 /// Number of search points per turn of the phase that the latency causes.
 const PER_TURN: f64 = 16.0;
-/// The search has at least this number of points per half circle.
+/// Smallest number of search points per half circle.
 const PER_HALF_CIRCLE: f64 = 128.0;
 /// Smallest distance of a search point from a resonance, in radians per output period.
 const MARK_MIN: f64 = 1e-10;
-/// The search is refined at most this many times. It is refined if eigenvalues and crossings give different numbers of
-/// roots.
+/// Largest number of times that the search is refined. It is refined if eigenvalues and crossings give different
+/// numbers of roots.
 const REFINEMENTS: u32 = 2;
-/// K is computed as a difference of terms. If K at a crossing is below this share of the terms, its true value is 0.
+/// Share of the terms below which the true value of K at a crossing is 0. K is computed as a difference of these terms.
 const ZERO_STIFFNESS: f64 = 1e-12;
-/// If K at a crossing is below this share of the loop's own stiffnesses, K is a rounding error. Without any damping,
-/// every wall is unstable, and the first crossings are rounding errors.
+/// Share of the loop's own stiffnesses below which K at a crossing is a rounding error. Without any damping, every wall
+/// is unstable, and the first crossings are rounding errors.
 const ROUNDING: f64 = 1e-12;
 /// Crossings above this multiple of the loop's own stiffnesses (k, b/T, m/T^2, B/T) are left out. At so large a K, no
 /// more roots leave the circle, and a root near z = -1 approaches the sampling zero.
 const FAR_STIFFNESS: f64 = 1e3;
-/// If the nearest eigenvalue is further from the unit circle than this, the eigenvalues are more reliable than the
-/// count of crossings.
+/// If the nearest eigenvalue is further from the unit circle than `CLEAR_MARGIN`, the eigenvalues are more reliable
+/// than the count of crossings.
 const CLEAR_MARGIN: f64 = 1e-6;
-/// Eigenvalues are computed up to this number of states. A long latency gives more states. Then the winding number
-/// counts the roots.
+/// Largest number of states with which eigenvalues are computed. A long latency gives more states. Then the winding
+/// number counts the roots.
 const EIGENVALUE_STATES: usize = 64;
-/// The winding number is computed on a circle that is larger than the unit circle by this distance. So undamped poles
-/// on the unit circle are inside.
+/// The radius of the circle on which the winding number is computed, minus 1. Undamped poles on the unit circle are
+/// inside this circle.
 const OUTSIDE: f64 = 1e-9;
 
 /// A stiffness at which roots cross the unit circle.

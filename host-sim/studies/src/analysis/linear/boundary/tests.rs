@@ -14,7 +14,8 @@ use crate::{
 
 const LOOPS: u32 = 400;
 
-/// The number of unstable eigenvalues is compared on both sides of a crossing, at this relative distance from it.
+/// Relative distance from a crossing at which the number of unstable eigenvalues is compared, on both sides of the
+/// crossing.
 const ASIDE: f64 = 1e-4;
 
 /// Tolerance for an eigenvalue on the circle. The largest eigenvalue of the matrix is about a hundred times larger than
@@ -485,8 +486,8 @@ fn stable_interval_is_followed_until_it_closes() {
     let (low, high) = interval(open).unwrap();
     println!("closes at B {open} with K {low} to {high}");
     assert!(boundary.at(open).unwrap().unstable_at_zero && low > 0.0);
-    // The width of the interval is proportional to sqrt(distance), where the distance is that of B from the point at
-    // which the interval closes. It is 1e-12 here.
+    // The width of the interval is proportional to sqrt(distance). The distance is that of B from the point at which
+    // the interval closes. Here the distance is 1e-12.
     assert!((high - low) / low < 1e-4, "{low} {high}");
     let wider = interval(open - 0.1).unwrap();
     let k = 0.5 * (wider.0 + wider.1);

@@ -4,9 +4,9 @@
 //! b > (T/2) max over 0 <= w <= pi of Re{(1 - z^-1) C(z)} / (1 - cos w),   z = exp(j w),   C = K + B V(z)
 //! ```
 //! If the force is held over the sample and there is no latency, the condition is necessary and sufficient. J. E.
-//! Colgate, G. G. Schenkel, "Passivity of a class of sampled-data systems", J. Robotic Systems 14(1), 1997. The quotient
-//! is 0/0 at w = 0. The split `V(z) = V(1) + (1 - z^-1) W(z)` removes the 0/0 for every estimator, because
-//! `(1 - z^-1)^2 = -2 (1 - cos w) z^-1`:
+//! Colgate, G. G. Schenkel, "Passivity of a class of sampled-data systems", J. Robotic Systems 14(1), 1997. The
+//! quotient is 0/0 at w = 0. The split `V(z) = V(1) + (1 - z^-1) W(z)` removes the 0/0 for every estimator, because
+//! `(1 - z^-1)^2 = -2 (1 - cos w) z^-1`.
 //!
 //! For a slower output and a latency, see [`Passivity`].
 

@@ -114,7 +114,7 @@ fn damping(k: f64, b: f64, rate: f64, estimator: &TransferFunction) -> f64 {
     demand(k, b, rate, estimator).unwrap().damping_n_s_per_m
 }
 
-/// The condition as it was published, on a dense grid that leaves out its 0/0.
+/// The condition as it was published, on a dense grid that leaves out w = 0, where the quotient is 0/0.
 fn swept(k: f64, b: f64, rate: f64, estimator: &TransferFunction) -> f64 {
     let points = 200_000;
     (1..=points)

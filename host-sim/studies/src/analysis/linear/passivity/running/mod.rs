@@ -45,7 +45,7 @@ const OMEGA_MIN: f64 = 1e-6;
 const LINEAR: f64 = 512.0;
 /// Number of search points per turn of the phase that the latency causes.
 const PER_TURN: f64 = 32.0;
-/// A search for a stiffness or a damping halves its interval this many times.
+/// Number of times that a search for a stiffness or a damping halves its interval.
 const HALVINGS: u32 = 40;
 
 /// The wall of a loop, as seen at the port to the hand.
