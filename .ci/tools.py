@@ -61,31 +61,35 @@ class Program:
         return self.process.wait(timeout=20)
 
 
-def install_debian(*packages):
-    """By name; the lists of a fresh machine are old or empty."""
-    subprocess.run(["apt-get", "update", "-qq"], check=True, stdout=2)
-    subprocess.run(["apt-get", "install", "-y", "-qq", *packages], check=True, stdout=2)
+def install_debian(*packages, unless=()):
+    """By name, unless these programs are there; the lists of a fresh machine are old or empty."""
+    if not unless or not all(map(shutil.which, unless)):
+        run("apt-get", "update", "-qq")
+        run("apt-get", "install", "-y", "-qq", *packages)
+
+
+def python_with(name, *packages):
+    """The programs of a Python of its own with these packages of PyPI, in target/tools/NAME."""
+    place = TOOLS / name
+    if not (place / "bin/python").exists():
+        if subprocess.run([sys.executable, "-m", "venv", place], stdout=2, check=False).returncode:
+            install_debian("python3-venv")
+            run(sys.executable, "-m", "venv", place)
+        run(place / "bin/python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages)
+    return place / "bin"
 
 
 def run_with(name, *packages):
-    """The program that was called, by a Python of its own with these packages of PyPI, in target/tools/NAME."""
-    place = TOOLS / name
-    python = place / "bin" / "python"
-    if not python.exists():
-        if subprocess.run([sys.executable, "-m", "venv", str(place)], stdout=2).returncode:
-            install_debian("python3-venv")
-            subprocess.run([sys.executable, "-m", "venv", str(place)], check=True, stdout=2)
-        subprocess.run([str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check", *packages], check=True, stdout=2)
-    if Path(sys.prefix).resolve() != place.resolve():
-        os.execv(str(python), [str(python), *sys.argv])
+    """The program that was called, by that Python."""
+    python = python_with(name, *packages) / "python"
+    if Path(sys.prefix).resolve() != (TOOLS / name).resolve():
+        os.execv(python, [python, *sys.argv])
 
 
-def build(*packages, features=()):
+def build(*words):
     """The release programs, where no others are given."""
     if "PROGRAMS" not in os.environ:
-        words = [word for package in packages for word in ("--package", package)]
-        subprocess.run(["cargo", "build", "--quiet", "--release", *words, *(["--features", ",".join(features)] if features else [])],
-                       cwd=ROOT, check=True)
+        run("cargo", "build", "--quiet", "--release", *words)
 
 
 def check(what, holds, said=""):
@@ -98,8 +102,7 @@ def check(what, holds, said=""):
 
 def install_browser():
     """Chromium with its driver, and selenium in a place of its own."""
-    if not shutil.which("chromedriver"):
-        install_debian("chromium", "chromium-driver")
+    install_debian("chromium", "chromium-driver", unless=["chromedriver"])
     run_with("chromium", "selenium==4.36.0", "pillow==12.0.0", "psutil==7.1.3")
 
 
