@@ -118,6 +118,7 @@ class Browser:
         options.add_argument(f"--window-size={size[0]},{size[1]}")
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
         self.driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+        self.driver.set_script_timeout(60)
         atexit.register(self.quit)
         wide, tall = self.js("return [innerWidth, innerHeight]")
         self.driver.set_window_size(2 * size[0] - wide, 2 * size[1] - tall)
@@ -140,7 +141,8 @@ class Browser:
         return cpu_s, memory / 2**20
 
     def js(self, text, *arguments):
-        return self.driver.execute_script(text, *arguments)
+        """What a script returns; it may `await`."""
+        return self.driver.execute_script(f"return (async function () {{ {text} }})(...arguments)", *arguments)
 
     def until(self, text, seconds=20):
         end = time.time() + seconds
@@ -202,8 +204,11 @@ class Browser:
     def let_go(self):
         self.actions().release().perform()
 
+    def click(self, selector):
+        self.driver.find_element("css selector", selector).click()
+
     def arm(self):
-        self.find("force").find_element("css selector", "[data-do=arm]").click()
+        self.click("[data-do=arm]")
         self.until("zwidth.state.record.armed")
 
     def at_the_wall(self, what, picture=None):
