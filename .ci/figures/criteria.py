@@ -3,7 +3,9 @@
 from . import block
 from .devices import without
 from .estimators import f, of, tuned
-from .source import ROOT, area_of, at_ideal, grouped, hertz, mega, number, rows, rows_of, short, significant, sim, table, value
+from .source import (
+    ROOT, area_of, at_ideal, grouped, hertz, mega, number, rows, rows_of, short, significant, sim, table, value,
+)
 
 LIMITS = "limits-paper-1um.csv"
 
@@ -100,7 +102,8 @@ def criteria_yardstick():
 def criteria_by_hand():
     for name in ("butterworth", "kalman-3", "levant-explicit"):
         r = of("paper-1um", name)
-        low, high, *others = (short(value(f"host/criteria/by_hand/{name}/{which}")) for which in ("low", "high", "twin", "independent"))
+        low, high, *others = (short(value(f"host/criteria/by_hand/{name}/{which}"))
+                              for which in ("low", "high", "twin", "independent"))
         yield f"`{name}`, {tuned(r)}", f(r, "area_n2_s_per_m2", 1e-6, 1), f"{low} to {high}", *others
 
 
