@@ -42,10 +42,6 @@ def put(browser, name, text):
     field(browser, name).send_keys(text or Keys.BACKSPACE, Keys.ENTER)
 
 
-def click(browser, line):
-    browser.driver.find_element("css selector", f"[data-do={line}]").click()
-
-
 def seen(browser, name):
     """Value, state and sentence of a field."""
     return browser.js(STATE, FIELDS)["fields"][name]
@@ -116,7 +112,7 @@ def fields(browser):
 
 def first_minute(browser, orders):
     """The minute of docs/live.md, in that many of its 24 orders."""
-    acts = {"arm": lambda: click(browser, "arm"), "K": lambda: put(browser, "k", "2000"),
+    acts = {"arm": lambda: browser.click("[data-do=arm]"), "K": lambda: put(browser, "k", "2000"),
             "B": lambda: put(browser, "b", "10"), "cutoff": lambda: put(browser, "cutoff", "1000")}
     every = list(itertools.permutations(acts))
     for order in every[::len(every) // orders]:
@@ -132,7 +128,7 @@ def first_minute(browser, orders):
     browser.find("unlock").click()
     time.sleep(3)
     check("a page that asks is not silent", browser.js("return zwidth.state.record.armed && !zwidth.state.record.unlocked"))
-    browser.driver.find_element("css selector", "#sure [value=allow]").click()
+    browser.click("#sure [value=allow]")
     browser.until("zwidth.state.record.unlocked")
     browser.command("disarm")
     browser.until("!zwidth.state.record.on")
@@ -142,7 +138,7 @@ def first_minute(browser, orders):
     browser.until("zwidth.settings.b === 0")
     put(browser, "k", "2000")
     browser.until(state_is("k", "waits"))
-    click(browser, "load")
+    browser.click("[data-do=load]")
     browser.until(state_is("k", "refused"))
     check("what is loaded ends what waits", seen(browser, "k")[2] != "")
     put(browser, "k", "2000")
@@ -152,15 +148,13 @@ def first_minute(browser, orders):
     check("a stop ends what waits", seen(browser, "k")[0] == "0")
 
 
-def resetting(address):
-    """The reset of a served board, by its port for gdb."""
-    def reset():
-        with socket.create_connection(address.split(":"), timeout=10) as gdb, contextlib.suppress(OSError):
-            gdb.sendall(b"+$k#6b")
-            gdb.settimeout(5)
-            while gdb.recv(100):
-                pass
-    return reset
+def reset(address):
+    """Of a served board, by its port for gdb."""
+    with socket.create_connection(address.split(":"), timeout=10) as gdb, contextlib.suppress(OSError):
+        gdb.sendall(b"+$k#6b")
+        gdb.settimeout(5)
+        while gdb.recv(100):
+            pass
 
 
 VALUES = {"k": ["2000", "0", "40000", "1e9", "-5", "", "2,5", "x", "900"], "b": ["10", "0", "25", "1e6", "", "1,5", "-1"],
@@ -168,7 +162,7 @@ VALUES = {"k": ["2000", "0", "40000", "1e9", "-5", "", "2,5", "x", "900"], "b": 
           "cutoff": ["1000", "1500", "0", "1e6", "", "200", "317"]}
 
 
-def random_sequences(program, reset, sequences, seed=1):
+def random_sequences(program, gdb, sequences, seed=1):
     """Whatever is done, in the end each field shows what is in force, or says what it shows."""
     dice = random.Random(seed)
     pages = [Browser(program.line)]
@@ -211,7 +205,7 @@ def random_sequences(program, reset, sequences, seed=1):
                     one.js("document.querySelector('#control button')?.click()")
                     time.sleep(0.2)
             elif act == "reset":
-                reset()
+                reset(gdb)
             time.sleep(dice.choice([0, 0, 0.05, 0.4]))
         time.sleep(0.3)
         for page in pages:
@@ -246,7 +240,7 @@ def looks(browser):
     check("and stays where a person has scrolled", browser.js("return document.getElementById('lines').scrollTop === 0"))
     browser.js("document.getElementById('lines').scrollTop = 1e6; document.getElementById('why').textContent = ''")
     for _ in range(2):
-        click(browser, "save")
+        browser.click("[data-do=save]")
         browser.until("document.querySelector('#keep .said').textContent !== 'save …'", 10)
         check("a save says its end", browser.js("return document.querySelector('#keep .said').textContent") == "ok save")
     browser.js("document.querySelector('#spans button').click()")

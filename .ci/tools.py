@@ -61,31 +61,35 @@ class Program:
         return self.process.wait(timeout=20)
 
 
-def install_debian(*packages):
-    """By name; the lists of a fresh machine are old or empty."""
-    subprocess.run(["apt-get", "update", "-qq"], check=True, stdout=2)
-    subprocess.run(["apt-get", "install", "-y", "-qq", *packages], check=True, stdout=2)
+def install_debian(*packages, unless=()):
+    """By name, unless these programs are there; the lists of a fresh machine are old or empty."""
+    if not unless or not all(map(shutil.which, unless)):
+        run("apt-get", "update", "-qq")
+        run("apt-get", "install", "-y", "-qq", *packages)
+
+
+def python_with(name, *packages):
+    """The programs of a Python of its own with these packages of PyPI, in target/tools/NAME."""
+    place = TOOLS / name
+    if not (place / "bin/python").exists():
+        if subprocess.run([sys.executable, "-m", "venv", place], stdout=2, check=False).returncode:
+            install_debian("python3-venv")
+            run(sys.executable, "-m", "venv", place)
+        run(place / "bin/python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages)
+    return place / "bin"
 
 
 def run_with(name, *packages):
-    """The program that was called, by a Python of its own with these packages of PyPI, in target/tools/NAME."""
-    place = TOOLS / name
-    python = place / "bin" / "python"
-    if not python.exists():
-        if subprocess.run([sys.executable, "-m", "venv", str(place)], stdout=2).returncode:
-            install_debian("python3-venv")
-            subprocess.run([sys.executable, "-m", "venv", str(place)], check=True, stdout=2)
-        subprocess.run([str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check", *packages], check=True, stdout=2)
-    if Path(sys.prefix).resolve() != place.resolve():
-        os.execv(str(python), [str(python), *sys.argv])
+    """The program that was called, by that Python."""
+    python = python_with(name, *packages) / "python"
+    if Path(sys.prefix).resolve() != (TOOLS / name).resolve():
+        os.execv(python, [python, *sys.argv])
 
 
-def build(*packages, features=()):
+def build(*words):
     """The release programs, where no others are given."""
     if "PROGRAMS" not in os.environ:
-        words = [word for package in packages for word in ("--package", package)]
-        subprocess.run(["cargo", "build", "--quiet", "--release", *words, *(["--features", ",".join(features)] if features else [])],
-                       cwd=ROOT, check=True)
+        run("cargo", "build", "--quiet", "--release", *words)
 
 
 def check(what, holds, said=""):
@@ -98,8 +102,7 @@ def check(what, holds, said=""):
 
 def install_browser():
     """Chromium with its driver, and selenium in a place of its own."""
-    if not shutil.which("chromedriver"):
-        install_debian("chromium", "chromium-driver")
+    install_debian("chromium", "chromium-driver", unless=["chromedriver"])
     run_with("chromium", "selenium==4.36.0", "pillow==12.0.0", "psutil==7.1.3")
 
 
@@ -115,6 +118,7 @@ class Browser:
         options.add_argument(f"--window-size={size[0]},{size[1]}")
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
         self.driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+        self.driver.set_script_timeout(60)
         atexit.register(self.quit)
         wide, tall = self.js("return [innerWidth, innerHeight]")
         self.driver.set_window_size(2 * size[0] - wide, 2 * size[1] - tall)
@@ -137,7 +141,8 @@ class Browser:
         return cpu_s, memory / 2**20
 
     def js(self, text, *arguments):
-        return self.driver.execute_script(text, *arguments)
+        """What a script returns; it may `await`."""
+        return self.driver.execute_script(f"return (async function () {{ {text} }})(...arguments)", *arguments)
 
     def until(self, text, seconds=20):
         end = time.time() + seconds
@@ -199,8 +204,11 @@ class Browser:
     def let_go(self):
         self.actions().release().perform()
 
+    def click(self, selector):
+        self.driver.find_element("css selector", selector).click()
+
     def arm(self):
-        self.find("force").find_element("css selector", "[data-do=arm]").click()
+        self.click("[data-do=arm]")
         self.until("zwidth.state.record.armed")
 
     def at_the_wall(self, what, picture=None):

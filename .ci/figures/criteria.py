@@ -3,7 +3,9 @@
 from . import block
 from .devices import without
 from .estimators import f, of, tuned
-from .source import ROOT, area_of, at_ideal, grouped, hertz, m, mega, number, rows, rows_of, short, significant, sim, table, value
+from .source import (
+    ROOT, area_of, at_ideal, grouped, hertz, mega, number, rows, rows_of, short, significant, sim, table, value,
+)
 
 LIMITS = "limits-paper-1um.csv"
 
@@ -96,26 +98,13 @@ def criteria_yardstick():
         yield limit_name(told), area_of(own), area_of(told), f"{100 * float(own['share_of_true_velocity']):.0f} %"
 
 
-def three(key):
-    return short(value(f"host/criteria/{key}"))
-
-
-def ends(key):
-    """The range of four starts, the twin's value and the other program's."""
-    return " to ".join(dict.fromkeys([three(f"{key}/low"), three(f"{key}/high")])), three(f"{key}/twin"), three(f"{key}/independent")
-
-
-@block("limit of the command, who pushes", "four starts", "twin in `f64`", "independent program")
-def criteria_saturation():
-    for limit, who in [("10", "motor"), ("20", "motor"), ("100", "motor"), ("5.2", "hand"), ("10", "hand"), ("100", "hand")]:
-        yield f"{limit} V, {who}", *ends(f"saturation/{limit}/{who}")
-
-
 @block("estimator", "motor", "hand, four starts", "twin in `f64`", "independent program")
 def criteria_by_hand():
     for name in ("butterworth", "kalman-3", "levant-explicit"):
         r = of("paper-1um", name)
-        yield f"`{name}`, {tuned(r)}", f(r, "area_n2_s_per_m2", 1e-6, 1), *ends(f"by_hand/{name}")
+        low, high, *others = (short(value(f"host/criteria/by_hand/{name}/{which}"))
+                              for which in ("low", "high", "twin", "independent"))
+        yield f"`{name}`, {tuned(r)}", f(r, "area_n2_s_per_m2", 1e-6, 1), f"{low} to {high}", *others
 
 
 LEVELS = {-12: "12 dB more sensitive", 0: "the model", 12: "12 dB less sensitive"}
@@ -147,22 +136,6 @@ def criteria_felt_design():
         for who in dict.fromkeys(key[:2] for key in designed):
             areas = [[float(found[*who, level]["area_n2_s_per_m2"]) for found in (designed, low_pass)] for level in LEVELS]
             yield f"{encoder[0]} um", who_feels(*who), *(f"{mega(own)} ({own / other:.2f})" for own, other in areas)
-
-
-@block("who feels", "the paper's loop", "with the NUCLEO-F446RE's latency")
-def criteria_resolution():
-    def cell(loop, level):
-        um, hz, b = (value(f"host/criteria/felt/{loop}/{level}/{key}") for key in ("um", "cutoff_hz", "damping"))
-        return f"{significant(um, 2)} um ({hz:g} Hz, {b:g} N s/m)"
-
-    for level in (12, 0, -12):
-        yield LEVELS[level], cell("paper", level), cell("board", level)
-
-
-@block("cell, 10^6", "independent program", "ours, lowest", "highest", "our twin in `f64`, lowest", "highest")
-def criteria_beyond():
-    for cell, key in [("2 um, 1500 Hz, below 5 um", "5um"), ("2 um, 500 Hz, below 1 um", "1um")]:
-        yield cell, *(three(f"limits/{key}/{which}") for which in ("independent", "fixed_low", "fixed_high", "twin_low", "twin_high"))
 
 
 @block("arm, push", "15 um", "1 um", "felt, 0 dB")

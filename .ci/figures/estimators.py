@@ -7,7 +7,7 @@ import math
 
 from . import block
 from .source import (
-    LONG, ROOT, area_of, grouped, long, m, measured, mega, number, power, row, rows, rows_of, said, said_in, significant, table, value,
+    LONG, ROOT, area_of, grouped, long, m, mega, number, row, rows, rows_of, said, said_in, significant,
 )
 
 FUSION = "compare-paper-1um-accelerometer.csv"
@@ -275,13 +275,6 @@ def ranked_counts():
 def estimator_costs():
     for r in rows("host-sim/data/estimator_cost.csv"):
         yield f"`{r['estimator']}`", *(m(f"elf/estimator_cost/{r['estimator']}/{key}") for key in ("most", "mean")), r["ram_bytes"]
-
-
-@block("speed, counts per sample", "0.05", "0.7", "-0.347")
-def estimator_slow():
-    for name, key, write in [("velocity off by at most", "off", power), ("stated", "stated", power),
-                             ("finite difference off by", "difference", number)]:
-        yield name, *(write(measured(f"elf/edge_times/speed_{speed}/{key}"), 2) for speed in ("0.05", "0.7", "-0.347"))
 
 
 # Defaults of other systems

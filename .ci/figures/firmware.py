@@ -1,51 +1,8 @@
-"""The firmware, faults, identification: what tests have measured on the virtual board, and the firmware's constants."""
+"""The firmware and faults: what tests have measured on the virtual board, and stored campaigns."""
 
 from . import block
 from .measured import filled
-from .source import BOARDS, CLASSES, ENDS, constant, grouped, m, measured, number, power, rows, significant, value
-
-MHZ = {"nucleo-f446re": 180.0, "discovery-f407": 168.0}
-
-
-def spans(place, *parts):
-    """Of each part the least and the most."""
-    return [f"{m(f'elf/{place}/{part}_least')} to {m(f'elf/{place}/{part}_most')}" for part in parts]
-
-
-@block("board", "`sample`", "of it the core", "`render`", "`link`", "event to counter", "stack, kB", "flash, kB", "RAM, kB")
-def firmware_measured():
-    for board in BOARDS:
-        yield (board, *spans(f"control/{board}", "sample", "core", "render", "link", "delay"),
-               *(m(f"elf/control/{board}/{what}", 1, 1e-3) for what in ("stack", "flash", "ram")))
-
-
-@block("longest", "value", "unit", "test of `tests/elf`")
-def firmware_longest():
-    """What no board exceeds."""
-    def most(key):
-        return number(max(value(f"elf/control/{board}/{key}") for board in BOARDS), 0)
-
-    core = max(value(f"elf/control/{board}/core_mean") / MHZ[board] for board in BOARDS)
-    spread = [m(f"elf/control/nucleo-f446re/{key}") for key in ("spread", "spread_with_critical_sections")]
-    register = [m(f"elf/{room}/nucleo-f446re/10/register_most") for room in ("period", "passivity")]
-    yield "`sample`, whatever happens", most("sample_whatever"), "cycles", "`no_sample_is_longer`"
-    yield "`sample` at period 1", most("sample_period_1"), "cycles", "`control`"
-    yield "of it beside the core", most("beside_period_1"), "cycles", "`control`"
-    yield "the core at 10 kHz", number(core, 1), "% of the time", "`control`"
-    yield "mask of the logger, a sample within it included", most("mask_us"), "us", "`control`"
-    yield "spread of the delays, the image as built", spread[0], "cycles", "`control`"
-    yield "the same with critical sections for masks", spread[1], "cycles", "`a_logger_with_a_critical_section`"
-    yield "event to register at period 10, no `[passivity]`", register[0], "cycles", "`period`"
-    yield "the same with `[passivity]`, where it has to divide", register[1], "cycles", "`passivity`"
-
-
-@block("board", "period, samples", "`sample`", "`render`", "event to counter", "event to the force's register",
-       "`sample` and `render`, of the time at most")
-def firmware_periods():
-    for board in BOARDS:
-        for period in (1, 2, 5, 10):
-            room = f"period/{board}/{period}"
-            yield board, period, *spans(room, "sample", "render", "delay", "register"), f"{100 * value(f'elf/{room}/load'):.1f} %"
+from .source import BOARDS, CLASSES, ENDS, grouped, m, measured, ms, power, rows, value
 
 
 @block("period, samples", "cycles allowed", "refused", "the longest that is allowed", "`sample` with it, at most")
@@ -56,21 +13,6 @@ def firmware_refused():
         yield period, m(f"{room}/allowed"), refused or "none", f"`{measured(f'{room}/slowest')}`", m(f"{room}/slowest_sample")
 
 
-def latencies(board, recording):
-    """As identified from a recording, and of the scene."""
-    return significant(value(f"elf/identify_{recording}/{board}/latency"), 2), constant(f"scenes/{board}.toml", r"(?m)^latency = (\S+)")
-
-
-@block("board", "event to register, in a hit", "the longest of all outputs", "and then", "latency", "as identified")
-def firmware_latency():
-    for board, output, then in [
-            ("nucleo-f446re", "DAC", "3 us of settling by the data sheet"),
-            ("discovery-f407", "PWM", "taken over 14 us after the sample (`LEAD_CYCLES`)")]:
-        cycles = [value(f"elf/control/{board}/register_{which}") for which in ("in_a_hit", "of_all")]
-        found, stated = latencies(board, "telemetry")
-        yield f"{board}, {output}", *(f"{number(c)} cycles, {c / MHZ[board]:.1f} us" for c in cycles), then, stated, found
-
-
 @block("board", "hits", "points", "area, N^2 s/m^2", "simulated, mean of 16", "one walk of those", "difference",
        "minutes of the board's time")
 def firmware_walks():
@@ -79,11 +21,6 @@ def firmware_walks():
         area, mean = value(f"{key}/area"), value(f"{key}/simulated")
         yield (board, m(f"{key}/hits"), m(f"{key}/points"), power(area, 5), power(mean, 5), f"+-{100 * value(f'{key}/spread'):.1f} %",
                f"{100 * (area / mean - 1):+.2f} %", f"{value(f'{key}/virtual_s') / 60:.0f}")
-
-
-# Faults
-def ms(us):
-    return "0" if us < 0.5e-3 else "< 1 us" if us < 1 else f"{us / 1e3:.3f} ms" if us < 1e4 else f"{us / 1e3:.1f} ms"
 
 
 SHORT_HALT = "debugger halt, 1.5 ms"
@@ -104,21 +41,6 @@ def fault_campaign():
         limit = f"{limit:g} us" if limit < 100 else f"{limit / 1e3:g} ms"
         yield (r["case"], r["how"], f"0, and {shown} after it goes on" if halted else shown,
                f"{limit} after it goes on" if halted else limit, r["code"])
-
-
-# What fills the channel, as tests/elf/flood.rs names it.
-FLOODS = {
-    "get": "`get`, which takes longest for its length", "k 1": "`k 1`", "push 1": "`push 1`", "help": "`help`",
-    "load": "`load`, free, with nothing saved; with each record in flash it takes longer", "x": "`x`, no command",
-    "zeros": "bytes of 0, which are passed over one by one", "no line": "a line without an end",
-}
-
-
-@block("the channel is full of", "period 1", "period 2", "period 5", "period 10")
-def flood():
-    for name, what in FLOODS.items():
-        off_s = [max(value(f"elf/flood/{board}/{period}/{name}") for board in BOARDS) for period in (1, 2, 5, 10)]
-        yield what, *(f"{1e3 * off:.0f} ms" for off in off_s)
 
 
 CAMPAIGN = rows("campaign-rows.csv")
@@ -237,60 +159,3 @@ def campaign_left():
         yield (place, ", ".join(f"{row['board']} {row['situation']}" for row in flips),
                ", ".join(dict.fromkeys(row["class"].replace("_", " ") for row in flips)),
                most(flips, "speed_m_per_s"), most(flips, "travel_m", 1e3), reasons[place])
-
-
-@block("board", "registers that change, one at a time", "enable off after, at most", "the same, numbers", "allowed")
-def registers():
-    for board in BOARDS:
-        changed, numbers = (ms(value(f"elf/faults/{key}")) for key in (f"registers/{board}/most", f"memory/{board}"))
-        yield board, m(f"elf/faults/registers/{board}/rows"), changed, numbers, "3 ms"
-
-
-@block("what", "where", *BOARDS)
-def acts():
-    def off(key):
-        return ms(value(f"elf/faults/acts/{key}"))
-
-    yield "DAC gives 5 % of full scale to all of it more or less", "pressed", off("dac"), "-"
-    for part, text in [("1", "full force away from what is asked"), ("-1", "full force the other way"), ("0", "no force")]:
-        yield f"amplifier stuck: {text}", "pressed, its current read", *(off(f"{board}/stuck {part}") for board in BOARDS)
-
-
-# Identification
-RECORDS = {
-    "two pulses, noise 0.5": "two pulses, noise of 0.5 counts RMS", "one pulse, noise 0.5": "one pulse, 0.5 counts",
-    "two pulses, noise 0.1": "two pulses, 0.1 counts", "two pulses, no noise": "two pulses, no noise",
-    "train, no noise": "train of pulses, no noise",
-}
-ACCURACY = "host/identify_accuracy"
-
-
-@block("record", "m", "b", "k", "x0", "pooled", "m: error, half-width")
-def identify_intervals():
-    for record, name in RECORDS.items():
-        key = f"{ACCURACY}/{record}"
-        yield (name, *(m(f"{key}/{p}_held") for p in ("m", "b", "k", "x0")), f"{100 * value(f'{key}/pooled'):.1f} %",
-               ", ".join(power(value(f"{key}/m_{what}")) for what in ("error", "half_width")))
-
-
-@block("over all records", "value")
-def identify_summary():
-    yield "largest error of m", power(max(value(f"{ACCURACY}/{record}/m_largest") for record in RECORDS))
-    yield ("records at rest most of the time, no noise: true values inside the stated intervals",
-           f"{100 * value(f'{ACCURACY}/at rest/stated'):.1f} %")
-
-
-@block("terms that are there", "m", "b", "k", "friction", "lag", "offset", "pooled", "invented")
-def identify_terms():
-    for kind, name in [("plain", "none"), ("friction", "friction"), ("lag", "lag"), ("offset", "offset"), ("all", "all three")]:
-        key = f"host/identify_terms/{kind}"
-        cells = [f"{m(f'{key}/{c}_held')} of {m(f'{key}/{c}_of')}" if c in ("m", "b", "k", kind) or kind == "all" else ""
-                 for c in ("m", "b", "k", "friction", "lag", "offset")]
-        yield name, *cells, *(f"{100 * value(f'{key}/{what}'):.1f} %" for what in ("pooled", "invented"))
-
-
-@block("board", "recording", *(f"{n} off by, relative" for n in "mbk"), "latency found, samples", "latency of the scene")
-def identify_from_board():
-    for board in BOARDS:
-        for key, recording in [("telemetry", "two hits"), ("pulses", "`pulses 1.2`")]:
-            yield (board, recording, *(power(value(f"elf/identify_{key}/{board}/{n}"), 1) for n in ("m", "b", "k")), *latencies(board, key))

@@ -4,7 +4,7 @@ import math
 import re
 
 from . import block
-from .source import constant, lit, long, m, measured, mega, number, rows, said, scene_of, significant, sim, table
+from .source import lit, long, m, mega, number, rows, said, scene_of, significant, sim, table
 
 
 def hz_range(low_high):
@@ -207,27 +207,6 @@ def amplifier_walls():
         words = f"hit SCENE.toml --cutoff 360 --criterion quiet --stiffness {k} --damping {b}"
         hits = [sim(words, scene + amplifier)["rms_m"] for amplifier in amplifiers]
         yield f"K {number(k)} N/m, B {b} N s/m", *(significant(hit * 1e6, 2 if hit < 1e-4 else 3) for hit in hits)
-
-
-# What tests measure
-@block("cutoff at 10 kHz", "first order, LSB RMS", "second order, LSB RMS")
-def theory_shaping():
-    for part in ("0.00004", "0.001", "0.01", "0.05", "0.1", "0.4"):
-        noise = (measured(f"host/filter/shaping/{part}/{order}") for order in ("first", "second"))
-        yield f"{float(part) * 1e4:g} Hz", *(significant(lsb, 2) for lsb in noise)
-
-
-@block("", "here", "idsp, first-order feedback", "idsp, wide state")
-def theory_peers():
-    def peers(key, *digits):
-        return [m(f"host/peers/{key}/{who}", n) for who, n in zip(("here", "idsp", "idsp_wide"), digits)]
-
-    here, *others = (number if number != "0" else "saturates" for number in peers("lowest", 0, 0, 0))
-    drift = peers("drift", 3, 1, 1)
-    yield "step to full scale, lowest output, LSB", here, *(f"wraps to {number}" for number in others)
-    yield "largest rest 20/fc after a stop, 0.35 to 2 Hz, LSB", *peers("rest", 0, 0, 0)
-    yield "sum(out - in) after 8 * 10^6 samples at 1 Hz, counts", drift[0], f"{drift[1]} (bounded by 39)", f"{drift[2]}, growing"
-    yield "instructions on Cortex-M4", *(m(f"elf/control_path/{name}") for name in ("zwidth_filter", "idsp_dither", "idsp_wide"))
 
 
 @block("case", "known K, N/m", "loop with the core, between", "loop with the twin, between")

@@ -211,6 +211,10 @@ def power(value, digits=2):
     return f"{mantissa}e{int(exponent)}"
 
 
+def ms(us):
+    return "0" if us < 0.5e-3 else "< 1 us" if us < 1 else f"{us / 1e3:.3f} ms" if us < 1e4 else f"{us / 1e3:.1f} ms"
+
+
 def table(head, body, right=()):
     """Lines of a table; columns of `right` are aligned there."""
     rule = ["---:" if n in right else "---" for n in range(len(head))]
