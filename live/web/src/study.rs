@@ -15,11 +15,13 @@ use host_sim::{
         trace,
     },
     range::within,
-    scene::{NamedScene, VelocityTable},
+    scene::{Criterion, NamedScene, VelocityTable},
     simulation::{prepared::Numeric, trace::Trace},
     study::{
+        How,
         asked::{self, Names, Walls},
         boundary::{Boundary, BoundaryPoint},
+        recommended::ranked,
         sweep::{CutoffResult, Plan, SweepResult, ascending, filters, sweep as walks},
     },
 };
@@ -250,15 +252,18 @@ pub fn grid(question: &Question) -> Answered {
     Ok((json!({ "points": points, "stable": grid.counts.stable }), vec![csv.into_bytes()]))
 }
 
-/// Finds the best velocity filter, as `cargo sim design` does. Returns `design.csv` and the best scene.
+/// Finds the best velocity filter for quiet walls, as `cargo sim design` does. Returns `design.csv` and the best scene.
 pub fn design(question: &Question) -> Answered {
     let scene = question.scene()?;
     asked::prepare(&scene)?;
+    let how = How { engine: Engine::lanes(), numeric: Numeric::default(), stop: &STOP };
+    let ranked =
+        ranked(how, &scene, Criterion::Quiet, None).map_err(|error| error.of(&scene.name))?;
     let budget = question.budget.unwrap_or(3000);
     within("budget", f64::from(budget), 100.0..=1e6).map_err(Error::Input)?;
     let name = format!("{} pushes", scene.scene.wall_hit.push_by.name());
     let asked = designed::Question {
-        conditions: vec![Condition { name, scene: scene.scene.clone() }],
+        conditions: vec![Condition { name, scene: ranked.scene.scene }],
         gain_peak_db: None,
         delay_s: None,
         roughness_n: None,
@@ -267,9 +272,9 @@ pub fn design(question: &Question) -> Answered {
         budget,
         repeats: question.repeat.unwrap_or(4),
         seed: 1,
-        numeric: Numeric::default(),
+        numeric: how.numeric,
     };
-    let study = designed::design(Engine::lanes(), asked, &STOP, |_| ())
+    let study = designed::design(how.engine, asked, &STOP, |_| ())
         .map(Designs)
         .map_err(|error| error.of(&scene.name))?;
     let csv = in_units::csv(scene.scene.units, study.csv());

@@ -156,9 +156,10 @@ struct Host<'a> {
     start: State,
     /// What was done since the board's start. It can be run again by `--script`.
     actions: Vec<Action>,
-    /// Number of outputs so far, and the number of samples since the last one.
+    /// Number of outputs of the burst so far, number of samples since the last one, and number of samples of the burst.
     outputs: u64,
     since: u64,
+    samples: u64,
 }
 
 impl<'a> Host<'a> {
@@ -184,6 +185,7 @@ impl<'a> Host<'a> {
             actions: Vec::new(),
             outputs: 0,
             since: 0,
+            samples: 0,
         })
     }
 
@@ -252,7 +254,7 @@ impl<'a> Host<'a> {
         self.actions.push(Action::Say(lines.join("\n")));
 
         self.world.powered.mcu.watch_mut().clear();
-        (self.outputs, self.since, self.counts) = (0, 0, Counts::default());
+        (self.outputs, self.since, self.samples, self.counts) = (0, 0, 0, Counts::default());
         let begun = self.world.powered.mcu.now();
         self.send(&lines.join("\n"), longest, reads, silent).map_err(|end| match end {
             End::Difference(what) => End::Difference(format!(
@@ -261,11 +263,16 @@ impl<'a> Host<'a> {
             )),
             End::Interrupted => end,
         })?;
+        let saves = lines.iter().any(|line| line.contains("save"));
+        let due = if saves { 0 } else { self.samples / longest };
+        rule(self.output_count() + 1 >= due, || {
+            format!("{} outputs, {due} are due", self.output_count())
+        })
+        .map_err(End::Difference)?;
         let mcu = &self.world.powered.mcu;
         let (watch, hz) = (mcu.watch(), mcu.core_hz() as f64);
         let took_s = (mcu.now() - begun) as f64 / hz;
         let fed_ms = watch.longest_unfed as f64 / hz * 1e3;
-        let saves = lines.iter().any(|line| line.contains("save"));
         Ok(Row {
             period,
             bursts: 1,
@@ -317,11 +324,13 @@ impl<'a> Host<'a> {
     /// Runs one sample. `longest` is the largest number of samples from one output to the next.
     fn pass(&mut self, longest: u64, reads: bool) -> Result<(), End> {
         self.world.sample()?;
+        self.samples += 1;
         let saves = self.rules.saves();
         let outputs = self.output_count();
         self.since = if outputs == self.outputs { self.since + 1 } else { 0 };
         self.outputs = outputs;
-        rule(self.since < longest || saves, || format!("no output for {} samples", self.since))
+        // At the end of the sample in which it is due, an output may still be running.
+        rule(self.since <= longest || saves, || format!("no output for {} samples", self.since))
             .and_then(|()| {
                 if !reads {
                     let enabled = self.world.powered.amplifier.is_enabled();
