@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use serde::Serialize;
-use zwidth::experiment::Ended;
+use zwidth::{experiment::Ended, velocity::EstimatorName};
 
 use crate::{
     error::Error,
@@ -158,15 +158,22 @@ struct VariantSummary {
 fn convention(study: &Study, best_hz: Option<f64>) -> String {
     let scene = &study.scene.scene;
     let shown = best_hz.or_else(|| study.result.cutoffs.last().map(|last| last.cutoff_hz));
-    let nominal_is_true = scene.true_cutoff_hz(1.0) == 1.0;
-    if nominal_is_true {
-        return "Bilinear, pre-warped: the nominal cutoff is the -3 dB frequency.".into();
-    }
-    let Some(nominal) = shown else {
-        return "Bilinear, not pre-warped.".into();
+    let filter = match scene.velocity.estimator() {
+        EstimatorName::ButterworthPrewarped | EstimatorName::FirstOrderPrewarped => {
+            return "Bilinear, pre-warped: the nominal cutoff is the -3 dB frequency.".into();
+        }
+        EstimatorName::Butterworth | EstimatorName::FirstOrder | EstimatorName::SecondOrder => {
+            "Bilinear, not pre-warped"
+        }
+        EstimatorName::Biquad => "The nominal cutoff is the frequency of the poles",
+        _ => {
+            return "The nominal cutoff is a parameter of the estimator, not a -3 dB frequency."
+                .into();
+        }
     };
+    let Some(nominal) = shown else { return format!("{filter}.") };
     let true_hz = scene.true_cutoff_hz(nominal);
-    format!("Bilinear, not pre-warped: nominal {nominal} Hz is -3 dB at {true_hz:.1} Hz.")
+    format!("{filter}: nominal {nominal} Hz is -3 dB at {true_hz:.1} Hz.")
 }
 
 fn subtitle(study: &Study) -> String {
