@@ -154,7 +154,7 @@ fn quiet_walls(scene: &NamedScene, common: &Common) -> Result<QuietStudy, Error>
     let cutoffs_hz = &scene.scene.sweep.cutoffs_hz;
     let bar = progress::bar(cutoffs_hz.len() as u64);
     let first = with_first_estimator(scene)?;
-    let found = recommended(how, &first, cutoffs_hz, true, || bar.inc(1));
+    let found = recommended(how, &first, cutoffs_hz, true, |_| bar.inc(1));
     bar.finish_and_clear();
     found.map_err(|error| error.of(&scene.name))
 }
