@@ -208,8 +208,7 @@ fn a_sweep_is_the_same_in_other_units_and_its_figures_name_them() {
         for unit in units {
             assert!(text.contains(unit), "{name} has no {unit}");
         }
-        // only the report has N/m, because its tables by limit are in N and m
-        assert!(!text.contains("N/m") || name == "report.html", "{name}");
+        assert!(!text.contains("N/m") && !text.contains("N s/m"), "{name}");
     }
     assert!(file("summary.json").contains("stiffness_peak_n_m_per_rad"));
 }
