@@ -72,10 +72,10 @@ def explained(encoder):
         body.append(["" if r["rank"] == "0" else r["rank"], r["what"].replace(";", ","),
                      mean and f"{mean}{'?' if r['better'] == 'unsure' else ''} ({low} to {high})",
                      area_of(r), r["scene_area_n2_s_per_m2"] and short(float(r["scene_area_n2_s_per_m2"]) * 1e-6),
-                     number(r["stiffness_peak_n_per_m"], 0), number(r["stiffness_n_per_m"], 0),
+                     *(significant(float(r[key]) / 1e3, 3) for key in ("stiffness_peak_n_per_m", "stiffness_n_per_m")),
                      f"{1e3 * float(r['velocity_noise_m_per_s']):.2g}", f(r, "share_of_core", 100, 1, "")])
     b = hertz(rows(f"explain-paper-{encoder}.csv")[0], "damping_n_s_per_m")
-    return table(["rank", "change", "times the area", "area, 10^6 N^2 s/m^2", "by 15 um", "peak K, N/m", f"K at B = {b}, N/m",
+    return table(["rank", "change", "times the area", "area, 10^6 N^2 s/m^2", "by 15 um", "peak K, kN/m", f"K at B = {b}, kN/m",
                   "noise, mm/s", "of the core, %"], body)
 
 

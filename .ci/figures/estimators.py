@@ -282,6 +282,23 @@ PEERS = "peers-paper-1um.csv"
 PEER_LIMITS = {15e-6: "15 um", 5e-6: "5 um", 2e-6: "2 um", 1e-6: "1 um", 0.0: "felt, 0 dB"}
 
 
+# What a row is, for who reads the table once. The program's names do not say which of a system's rows it ships.
+PEER_LABELS = {
+    "chai3d": "CHAI3D", "force-dimension": "Force Dimension SDK", "simplefoc": "SimpleFOC", "hapkit": "Hapkit",
+    **{f"openffboard-{hertz}": f"OpenFFBoard, {hertz} Hz" for hertz in (40, 70, 120, 180)},
+    "odrive": "in no product: ODrive's loop, a sample late", "odrive-exact": "ODrive",
+    "moteus": "in no product: integral of moteus's old loop, a sample late",
+    "moteus-exact": "moteus until June 2025", "moteus-2025": "moteus since June 2025",
+    "butterworth-500": "zwidth's filter at 500 Hz", "butterworth-1500": "zwidth's filter at 1500 Hz",
+    "true-velocity": "the exact velocity",
+}
+NO_PRODUCT = ("odrive", "moteus")
+
+
+def peer(name):
+    return f"{PEER_LABELS[name]} (`{name}`)"
+
+
 def by_peer(loop):
     """The rows of a loop, by estimator and limit."""
     found = grouped(rows_of(PEERS, loop=loop), "estimator")
@@ -292,23 +309,25 @@ def by_peer(loop):
 def peers(loop):
     for name, found in by_peer(loop).items():
         shares = {limit: 100 * float(found[limit]["share_of_true_velocity"]) for limit in PEER_LIMITS}
-        yield f"`{name}`", *(f"{area_of(found[limit])} ({share:.{0 if share >= 9.95 else 1}f} %)" for limit, share in shares.items())
+        yield peer(name), *(f"{area_of(found[limit])} ({share:.{0 if share >= 9.95 else 1}f} %)" for limit, share in shares.items())
 
 
 @block("row", "what it does", "where that stands")
 def peers_sources():
     of = {r["estimator"]: r for r in rows(PEERS)}
-    return [[f"`{name}`", r["does"], r["source"]] for name, r in of.items() if r["source"]]
+    return [[peer(name), r["does"], r["source"]] for name, r in of.items() if r["source"]]
 
 
 @block("velocity by default", *(f"{loop}, {by}" for by in ("quiet", "15 um") for loop in ("paper's loop", "board")))
-def peers_quiet():
-    """Quiet walls first, then the paper's criterion."""
+def peers_quiet(shown="all"):
+    """Quiet walls first, then the paper's criterion; `products` leaves out what no product has."""
     quiet = {(r["loop"], r["estimator"]): area_of(r) for r in rows("peers-paper-1um-quiet.csv")}
     loops = ("paper-1um", "nucleo-f446re")
     by_limit = [by_peer(loop) for loop in loops]
     for name in by_limit[0]:
-        yield f"`{name}`", *(quiet[loop, name] for loop in loops), *(area_of(found[name][15e-6]) for found in by_limit)
+        if shown == "products" and name in NO_PRODUCT:
+            continue
+        yield peer(name), *(quiet[loop, name] for loop in loops), *(area_of(found[name][15e-6]) for found in by_limit)
 
 
 @block("estimator", *(f"{loop}: {text}" for loop in ("paper's loop", "board")

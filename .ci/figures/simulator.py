@@ -119,11 +119,40 @@ def quiet_choices():
             yield name, f"{share} %", "1 kHz" if amplifier else "none", *dial_in(study("SCENE.toml --repeat 1", scene + amplifier))
 
 
-@block("encoder", "dial in", "as good", "stiffest wall", "area, 10^6 N^2 s/m^2")
+def encoder_scenes():
+    """Devices with encoders of some resolutions: device, encoder, scene."""
+    for device, name in [("the paper's, its loop", "paper-1um"), ("the paper's, on a NUCLEO-F446RE", "nucleo-f446re")]:
+        for microns in ("0.5", "1", "2", "5", "10"):
+            yield device, f"{microns} um", scene_of(name, resolution_m=f"{microns}e-6")
+    turned = {"counts_per_turn": 4000, "encoder_on": '"motor"'}
+    for device, name, changes in [
+            ("knob like SmartKnob", "smartknob", {"counts_per_turn": 4000}), ("Hapkit", "hapkit", turned),
+            ("Rice haptic paddle", "rice-paddle", turned), ("EPFL haptic paddle", "epfl-paddle", turned)]:
+        scene = scene_of(name, **changes)
+        ratio = key_of(scene, "ratio")
+        yield device, "4,000 counts a turn, " + ("direct drive" if ratio == 1 else f"motor geared {ratio:.1f}:1"), scene
+
+
+@long("encoders")
+def make_encoders():
+    """What to dial in with each encoder, and the stiffest wall, in the units of the scene."""
+    body = []
+    for device, encoder, scene in encoder_scenes():
+        found = study("SCENE.toml --repeat 1", scene)["recommended"]
+        low, high = found["range_hz"]
+        per, unit = ("n_m_per_rad", "N m/rad") if "[rotary]" in scene else ("n_per_m", "N/m")
+        body.append({"device": device, "encoder": encoder, "cutoff_hz": found["cutoff_hz"], "low_hz": low, "high_hz": high, "unit": unit,
+                     "stiffness": found[f"stiffness_{per}"], "damping": found[f"damping_{per.replace('_per', '_s_per')}"]})
+    return body
+
+
+@block("device", "encoder", "dial in", "as good", "stiffest wall, K", "its B")
 def encoders():
-    """The cutoff to dial in with encoders of other resolutions."""
-    for microns in (0.5, 1, 2, 5, 10):
-        yield f"{microns:g} um", *dial_in(study("SCENE.toml --repeat 1", scene_of("paper-1um", resolution_m=f"{microns}e-6")))
+    """The cutoff to dial in and the stiffest wall with encoders of other resolutions."""
+    for r in rows("encoders.csv"):
+        k, b = float(r["stiffness"]), float(r["damping"])
+        wall = (f"{k / 1e3:g} kN/m", f"{b:g} N s/m") if r["unit"] == "N/m" else (f"{k:.3g} N m/rad", f"{1e3 * b:.3g} mN m s/rad")
+        yield r["device"], r["encoder"], f"**{float(r['cutoff_hz']):g} Hz**", f"{hz_range([r['low_hz'], r['high_hz']])} Hz", *wall
 
 
 @block("scene", "cutoff", "B", "constant push, K", "press", "taps", "hand")

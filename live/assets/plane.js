@@ -56,7 +56,7 @@ export class Plane {
       d.strokeStyle = style("--grid");
       d.beginPath(); d.moveTo(x(b), TOP); d.lineTo(x(b), y(0)); d.moveTo(LEFT, y(k)); d.lineTo(width - RIGHT, y(k)); d.stroke();
       d.fillStyle = style("--quiet");
-      d.textAlign = n === 4 ? "right" : "center"; d.fillText(+b.toPrecision(3), x(b), height - 6);
+      d.textAlign = n === 4 ? "right" : "center"; d.fillText(+b.toPrecision(4), x(b), height - 6);
       d.textAlign = "right"; d.fillText(+(k * this.units.axis.times).toPrecision(3), LEFT - 5, y(k) + 4);
     }
     const envelope = this.predicted?.envelope ?? [];

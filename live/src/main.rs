@@ -171,7 +171,7 @@ fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
         let quiet = (!says_first(of)).then(|| {
             note(&format!("looking for the cutoff to begin with: quiet walls of {}", scene.name));
             let first = with_first_estimator(&on_board)?;
-            recommended(how, &first, &of.sweep.cutoffs_hz, true, || ())
+            recommended(how, &first, &of.sweep.cutoffs_hz, true, |_| ())
         });
         let quiet_hz = quiet.transpose()?.and_then(|study| study.cutoff_hz());
         let first = first_settings(of, quiet_hz)?;

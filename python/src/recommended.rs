@@ -57,8 +57,8 @@ result! { value
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called with the number of finished walks and 0, since the number of all walks is unknown. An exception in this
-///     function ends the search.
+///     Called with the numbers of finished walks and of planned walks. The search plans more walks when it sees the
+///     first results. An exception in this function ends the search.
 ///
 /// Raises
 /// ------
@@ -90,7 +90,11 @@ pub fn recommended(
     let of_work = Arc::clone(&scene);
     let found = run(py, threads, progress.as_ref(), 0, move |course| {
         let how = How { engine, numeric, stop: &course.stop };
-        study::recommended(how, &of_work, &cutoffs_hz, goes_on, || course.add(1))
+        course.plan(cutoffs_hz.len() as u64);
+        study::recommended(how, &of_work, &cutoffs_hz, goes_on, |planned| {
+            course.plan(planned);
+            course.add(1);
+        })
     })?;
     let sentences = sentences(&scene, &found);
     let of = found.recommended.map_err(|why| raised(Error::Input(why).of(&scene.name)))?;

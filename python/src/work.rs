@@ -31,11 +31,18 @@ pub struct Course {
     pub stop: AtomicBool,
     /// Number of pieces of work that are finished.
     done: AtomicU64,
+    /// Number of pieces that are planned so far, if the number of all pieces is unknown.
+    planned: AtomicU64,
 }
 
 impl Course {
     pub fn add(&self, pieces: u64) {
         self.done.fetch_add(pieces, Relaxed);
+    }
+
+    /// Sets the number of pieces that are planned so far.
+    pub fn plan(&self, pieces: u64) {
+        self.planned.store(pieces, Relaxed);
     }
 }
 
@@ -51,8 +58,8 @@ pub fn raised(error: Error) -> PyErr {
 }
 
 /// Runs `work` on another thread, with `threads` threads or with all cores. Calls `progress` when the number of
-/// finished pieces changes. The arguments of `progress` are this number and `total`. `total` is 0 if the number of all
-/// pieces is unknown.
+/// finished pieces changes. The arguments of `progress` are this number and `total`. If `total` is 0, the number of all
+/// pieces is unknown: the second argument is then the number that is planned so far.
 ///
 /// An exception of `progress` or of a signal is raised at once. The work ends later, when the work checks `stop`. So
 /// the work must own its data, must not use Python objects, and must not write a file.
@@ -140,6 +147,7 @@ fn tell(
     total: u64,
 ) -> PyResult<()> {
     let done = course.done.load(Relaxed);
+    let total = if total == 0 { course.planned.load(Relaxed) } else { total };
     if let Some(progress) = progress.filter(|_| done != *told) {
         *told = done;
         progress.0.call1(py, (done, total))?;

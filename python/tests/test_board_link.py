@@ -189,7 +189,7 @@ def test_a_walk_is_read_line_by_line(fake: FakeBoard) -> None:
         del lines[1]
         with pytest.raises(ConnectionError, match="1 hits"):
             board.walk()
-        lines[:] = ["error: walk: stopped, area 0 N^2 s/m^2, peak k 0 N/m, hits 0, points 0, ended by an error"]
+        lines[:] = ["error: walk: stopped, area 0 N^2 s/m^2, peak k 0 N/m, hits 0, points 0"]
         with pytest.raises(ValueError, match="^walk: stopped, area 0"):
             board.walk()
         assert fake.since()[-1] == "walk", "an answer of the board is no reason to disarm"

@@ -150,7 +150,7 @@ def test_a_bad_question_is_refused_as_on_the_command_line(
     refuses(call, line.replace("--usable", "percents").removeprefix("--"), here, **asked)
 
 
-NO_LIMIT = "is no limit, allowed an RMS in m above 0, quiet, felt, or felt=DB over the threshold"
+NO_LIMIT = "is no limit, allowed an RMS in m (above 0), quiet, felt, or felt=DB (DB over the threshold)"
 
 
 @pytest.mark.parametrize(

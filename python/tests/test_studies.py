@@ -193,3 +193,10 @@ def test_results_are_frozen_pickled_compared_and_short() -> None:
     assert hit != zwidth.hit(scene, stiffness=11e3, damping=30.0, cutoff=500)
     assert len({hit, pickle.loads(pickle.dumps(hit))}) == 1
     assert repr(hit).startswith("Hit(scene='paper-2um', cutoff_hz=500.0, stiffness_n_per_m=10000.0,")
+
+
+def test_progress_of_a_recommendation_is_of_the_walks_that_are_planned(scene: tuple[zwidth.Scene, Path]) -> None:
+    seen: list[tuple[int, int]] = []
+    zwidth.recommended(scene[0], cutoffs=[300, 500], progress=lambda done, planned: seen.append((done, planned)))
+    assert all(done <= planned and planned >= 2 for done, planned in seen), seen
+    assert seen[-1][0] == seen[-1][1] > 2, "cutoffs between are walked too"

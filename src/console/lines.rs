@@ -167,7 +167,7 @@ impl fmt::Display for WalkOver {
         )?;
         match ended {
             Ok(ended) => write!(f, ", ended by {}", ended.name()),
-            Err(_) => f.write_str(", ended by an error"),
+            Err(_) => Ok(()), // the line begins with the reason
         }
     }
 }

@@ -99,6 +99,26 @@ impl BiquadDesign {
         Ok(own.with_zeros((lead_s * rate_hz + delay - h).max(LEAST).min(most), h))
     }
 
+    /// The lowest frequency at which the gain is at -3 dB, in Hz. `None` if the gain is above -3 dB up to half the sample
+    /// rate.
+    ///
+    /// With `x = 1 - cos w`, the square of each polynomial's magnitude is quadratic in `x`. The gain is at -3 dB where
+    /// twice the numerator's square equals the denominator's.
+    pub fn half_power_hz(&self, rate_hz: f64) -> Option<f64> {
+        let square = |[c0, c1, c2]: [f64; 3]| {
+            let sum = self.dc_sum; // of both polynomials
+            [sum * sum, -2.0 * (c1 * (c0 + c2) + 4.0 * c0 * c2), 4.0 * c0 * c2]
+        };
+        let (n, d) = (square(self.b), square([1.0, self.a[0], self.a[1]]));
+        let [p0, p1, p2] = [0, 1, 2].map(|power| 2.0 * n[power] - d[power]);
+        let root = libm::sqrt((p1 * p1 - 4.0 * p0 * p2).max(0.0));
+        let q = -0.5 * (p1 + if p1 < 0.0 { -root } else { root });
+        let in_range = |x: &f64| (0.0..=2.0).contains(x);
+        let real = p1 * p1 >= 4.0 * p0 * p2;
+        let x = [q / p2, p0 / q].into_iter().filter(|_| real).filter(in_range).reduce(f64::min)?;
+        Some(rate_hz / core::f64::consts::PI * libm::asin(libm::sqrt(0.5 * x)))
+    }
+
     fn with_zeros(self, g: f64, h: f64) -> Self {
         let s = self.dc_sum;
         let b = [s * (1.0 + g) * (1.0 + h), -s * (g + h + 2.0 * g * h), s * g * h];
@@ -245,6 +265,32 @@ mod tests {
             }
         }
         assert!(widest > 3.99, "{widest}");
+    }
+
+    #[test]
+    fn at_the_half_power_frequency_the_gain_is_at_minus_3_db_and_not_before() {
+        let mut crossing = 0;
+        for design in designs() {
+            let square = |[c0, c1, c2]: [f64; 3], hz: f64| {
+                let w = 2.0 * core::f64::consts::PI * hz / RATE_HZ;
+                let re = c0 + c1 * libm::cos(w) + c2 * libm::cos(2.0 * w);
+                let im = c1 * libm::sin(w) + c2 * libm::sin(2.0 * w);
+                re * re + im * im
+            };
+            let [a1, a2] = design.a;
+            let gain = |hz| square(design.b, hz) / square([1.0, a1, a2], hz);
+            let end = design.half_power_hz(RATE_HZ);
+            crossing += u32::from(end.is_some());
+            if let Some(hz) = end {
+                assert!((gain(hz) - 0.5).abs() < 1e-3, "{design:?}: {} at {hz}", gain(hz));
+            }
+            let end = end.unwrap_or(0.5 * RATE_HZ);
+            for part in 1..500 {
+                let hz = end * f64::from(part) / 500.0;
+                assert!(gain(hz) > 0.499, "{design:?}: {} at {hz} before {end}", gain(hz));
+            }
+        }
+        assert!(crossing > 100, "{crossing}");
     }
 
     /// Poles and second zero are compared with the roots of the polynomials. The delay is the mean time of the impulse

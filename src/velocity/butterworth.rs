@@ -55,6 +55,13 @@ pub fn true_cutoff_hz(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> f64 {
     }
 }
 
+/// The same for [`ButterworthDesign::damped`]. The analog filter is at -3 dB at
+/// `fc sqrt(d + sqrt(d^2 + 1))`, with `d = 1 - 1 / (2 Q^2)`.
+pub fn damped_cutoff_hz(cutoff_hz: f64, quality: f64, rate_hz: f64) -> f64 {
+    let d = 1.0 - 0.5 / (quality * quality);
+    true_cutoff_hz(cutoff_hz * libm::sqrt(d + libm::sqrt(d * d + 1.0)), rate_hz, false)
+}
+
 /// Returns the `w` of the equations, which is `wc T`, or pre-warped `2 tan(wc T / 2)`.
 fn digital_frequency(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<f64, SettingsError> {
     let highest = if prewarp { PREWARPED_MAX } else { CUTOFF_MAX };

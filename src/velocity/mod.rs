@@ -39,7 +39,8 @@ pub use biquad::{Biquad, BiquadState, Shaping};
 #[cfg(feature = "estimators")]
 pub use biquad_design::{BiquadDesign, CascadeDesign};
 pub use butterworth::{
-    ButterworthDesign, CUTOFF_MAX, CUTOFF_MIN, FirstOrder, PREWARPED_MAX, QUALITY, true_cutoff_hz,
+    ButterworthDesign, CUTOFF_MAX, CUTOFF_MIN, FirstOrder, PREWARPED_MAX, QUALITY,
+    damped_cutoff_hz, true_cutoff_hz,
 };
 #[cfg(feature = "estimators")]
 pub use cascade::Cascade;

@@ -3,6 +3,8 @@
 
 use core::{fmt, str::FromStr};
 
+#[cfg(feature = "estimators")]
+use super::{BiquadDesign, damped_cutoff_hz};
 use super::{EstimatorName, PARAMETERS, Parameter, Sense, VelocitySettings, true_cutoff_hz};
 
 /// Numbers and names of removed estimators, each with its replacement. These numbers and names never get a new meaning.
@@ -106,12 +108,23 @@ impl VelocitySettings {
         self.tuning().filter(|(parameter, _)| parameter.is_frequency()).map(|(_, hz)| hz)
     }
 
-    /// The real -3 dB frequency, in Hz, of a low-pass with this nominal cutoff. For other filters it is the cutoff
-    /// itself.
+    /// The real -3 dB frequency, in Hz, of a low-pass or a `biquad` with this nominal cutoff. Half the sample rate, if
+    /// the gain of a `biquad` is nowhere below -3 dB. For other filters it is the cutoff itself.
     pub fn true_cutoff_hz(&self, rate_hz: f64) -> Option<f64> {
         match *self {
             Self::Butterworth { cutoff_hz } | Self::FirstOrder { cutoff_hz } => {
                 Some(true_cutoff_hz(cutoff_hz, rate_hz, false))
+            }
+            #[cfg(feature = "estimators")]
+            Self::SecondOrder { cutoff_hz, quality } => {
+                Some(damped_cutoff_hz(cutoff_hz, quality, rate_hz))
+            }
+            #[cfg(feature = "estimators")]
+            Self::Biquad { frequency_hz, damping, lead_s, zero } => {
+                match BiquadDesign::new(frequency_hz, damping, lead_s, zero, rate_hz) {
+                    Ok(design) => Some(design.half_power_hz(rate_hz).unwrap_or(0.5 * rate_hz)),
+                    Err(_) => Some(frequency_hz),
+                }
             }
             _ => self.cutoff_hz(),
         }

@@ -364,7 +364,7 @@ fn a_residual_beyond_quantisation_is_said_with_its_cause() {
     let record = paper().noisy_record(3, 0.0);
     let right = identify(&[record], &paper().options()).unwrap();
     // A warning may name a further term that is too small to be determined.
-    let others = right.warnings.iter().filter(|one| !one.contains("cannot be told from none"));
+    let others = right.warnings.iter().filter(|one| !one.contains("cannot tell from noise"));
     assert!(right.residual.is_bound_by_quantisation() && others.count() == 1);
 }
 

@@ -48,16 +48,17 @@ pub struct ExplainArgs {
 
 const COLUMNS: &str = "\
 Columns:
-  rank            one more than the changes that are better for certain; equal where the starts cannot tell
-  change          the element, and what it becomes
-  times the area  area over that of the scene as it is, mean (least to most over the starts); ? not told from 1
-  area            mean area below the boundary; > cut at a cap of [walk]
-  by the scene    the same tuning's area by the scene's own criterion, where that is not the one of the search
+  rank            1 is best. Rows have the same rank if the start positions cannot tell which is better
+  change          the element, and its changed value
+  times the area  area divided by the area of the unchanged scene: mean (smallest to largest over the starts).
+                  ?: the starts cannot tell it from 1
+  area            mean area below the boundary. >: a cap of [walk] cuts it, so it is larger
+  by the scene    area of the same tuning by the scene's own criterion; empty if the search used that one
   peak K          largest stable K at any B, mean over the starts
   K at B          largest stable K at the B of --damping, mean over the starts
-  noise           RMS noise of the velocity in motion; times B it is the noise of the force
-  of core %       cycles that the change adds, as a share of a Cortex-M4 at 180 MHz; ? not measured
-  cost            what it takes, in words
+  noise           RMS noise of the velocity in motion. Multiplied by B it is the noise of the force
+  of core %       cycles that the change adds, as a share of a Cortex-M4 at 180 MHz. ?: not measured
+  cost            what the change needs
 explain.csv has these and more (docs/files.md).";
 
 const FILES: &[&str] = &["explain.csv", "boundary.csv", "explain", "report.html"];

@@ -175,14 +175,15 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
         window += &format!(", K times the penetration is {ratio:.3} of the wall's force");
     }
     let mut port = format!(
-        "the wall has taken {:.3e} J in the last contact, and given at most {:.3e} J in one",
-        json.port_taken_j, json.port_given_j
+        "in the last contact the wall took {} mJ; the most that it gave in a contact is {} mJ",
+        rounded(1e3 * json.port_taken_j, 3),
+        rounded(1e3 * json.port_given_j, 3)
     );
     if let (Some(limited), Some(withheld)) =
         (json.port_limited_fraction, json.port_withheld_fraction)
     {
         port += &format!(
-            "\nits passivity controller has changed {:.2} % of the outputs in contact, and withheld {:.2} % of the force",
+            "\nits passivity controller changed {:.2} % of the outputs in contact, and withheld {:.2} % of the force",
             100.0 * limited,
             100.0 * withheld
         );
@@ -210,7 +211,7 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
         scene.scene.units.text(&format!(
             "{}: {}, RMS {:.3} um{limit}\n\
              {}, K = {} N/m, B = {} N s/m\n\
-             mean {:.6} m, peak penetration {:.1} um, outputs saturated {:.2} %, window in contact {:.1} %\n\
+             mean {:.3} mm, peak penetration {:.3} mm, outputs saturated {:.2} %, window in contact {:.1} %\n\
              {window}\n{port}{}",
             scene.name,
             json.verdict,
@@ -218,8 +219,8 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
             describe(&hit.velocity, scene.scene.control.rate_hz),
             json.stiffness_n_per_m,
             json.damping_n_s_per_m,
-            json.mean_m,
-            json.peak_penetration_m * 1e6,
+            json.mean_m * 1e3,
+            json.peak_penetration_m * 1e3,
             json.saturated_fraction * 100.0,
             json.contact_fraction * 100.0,
             note.unwrap_or_default()

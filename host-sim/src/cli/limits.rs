@@ -28,16 +28,16 @@ const NAMES: Names = Names { limits: "--limits", steps: "--steps, --starts" };
 /// Options for several limits that are studied side by side.
 #[derive(Clone, Debug, Args)]
 pub struct LimitArgs {
-    /// Areas and ideal cutoff for each limit, by motor, by hand, and with the true velocity. A limit is an RMS in m at
-    /// the handle, `felt` for sensation levels of 0, 10, 20 and 30 dB over wall_hit.felt_limit_db, or `felt=DB` for one
-    /// level over the threshold curve.
+    /// Limits, with commas between them. For each limit: areas and ideal cutoff, pushed by the motor and by a hand, and
+    /// area with the true velocity. A limit is an RMS in m at the handle, `quiet`, `felt` for sensation levels of 0, 10,
+    /// 20 and 30 dB over wall_hit.felt_limit_db, or `felt=DB` for DB over the threshold curve.
     #[arg(long, value_name = "LIST", value_parser = parse)]
     limits: Option<Limits>,
-    /// With --limits: also use these arms, and give the worst result. Names in [arms.NAME] or of built-in models
-    /// (heavy, light), or `all` [default: the scene's].
+    /// With --limits: arms that hold the handle, beside the scene's own; also gives the worst of all. Names of
+    /// [arms.NAME] or of built-in models (heavy, light), or `all` [default: those of the scene].
     #[arg(long, value_name = "NAMES", requires = "limits", value_delimiter = ',')]
     arms: Option<Vec<String>>,
-    /// With --limits: signal of the RMS.
+    /// With --limits: signal whose RMS is compared with the limit.
     #[arg(long, value_parser = rms_ofs(), default_value = "motion", requires = "limits")]
     rms_of: RmsOf,
     /// With --limits: steps of K and B, in the scene's units [default: a quarter of the scene's K, half of its B].
@@ -52,7 +52,11 @@ pub struct LimitArgs {
 pub(super) fn rms_ofs() -> ValueParser {
     named(&[
         ("motion", "The true position", RmsOf::Motion),
-        ("counts", "The counts, which resolve no limit near one of them", RmsOf::Counts),
+        (
+            "counts",
+            "The encoder's counts. They cannot resolve a limit near one count",
+            RmsOf::Counts,
+        ),
     ])
 }
 
@@ -94,7 +98,7 @@ pub(super) fn pair(text: &str) -> Result<Pair, String> {
     let values: Vec<f64> = text.split(',').map_while(|one| one.trim().parse().ok()).collect();
     match values[..] {
         [k, b] if text.split(',').count() == 2 => Ok(Pair([k, b])),
-        _ => Err(format!("`{text}` is not two numbers K,B")),
+        _ => Err(format!("`{text}`: two numbers K,B are needed, for example 500,5")),
     }
 }
 

@@ -387,7 +387,10 @@ fn table(analyses: &[Analysis], units: Units) -> String {
         let mut remarks: Vec<String> = vec![];
         remarks.extend(gain_margin(row));
         if let Some(passive) = row.stiffness_passive_n_per_m {
-            remarks.push(format!("passive up to {}", told(passive)));
+            remarks.push(match passive {
+                none if none <= 0.0 => "passive at no K".into(),
+                _ => format!("passive up to {}", told(passive)),
+            });
         }
         for (from, to) in &row.further_stable_n_per_m {
             remarks.push(format!("stable again from {} to {}", told(*from), told(*to)));

@@ -62,26 +62,27 @@ const CUTOFFS_HZ: [f64; 2] = [500.0, 1500.0];
 const LONG_S: f64 = 30.0;
 
 const COLUMNS: &str = "\
-Columns of passivity.csv, one row for each limit, cutoff, and boundary whose walls were hit:
-  controller             with it or without
-  area, stiffness_peak   of the boundary: mean, least and most over the walks; largest K
-  walls_of, walls        the boundary whose walls were hit, of at most 24 B, and how many
-  reserve_j              the most that a contact may give with the controller
-  given_j                the most that a contact of these hits has given, by the wall's force and the counts
-  walls_beyond_reserve   walls that have given more than the reserve
-  limited_fraction       outputs in contact that the controller has changed
-  withheld_fraction      what it has withheld, of the wall's force summed over the outputs in contact
-  saturated_fraction     outputs that asked for more than full scale
+Columns of passivity.csv. It has a row for each limit, cutoff, controller, and boundary whose walls were hit:
+  controller             whether the hits had the controller
+  area, stiffness_peak   area of the boundary: mean, smallest and largest over the walks; its largest K
+  walls_of, walls        boundary whose walls were hit (found with or without the controller); number of walls, at most 24
+  reserve_j              largest energy that a contact may give with the controller
+  given_j                largest energy that a contact of these hits gave, computed from wall force and counts
+  walls_beyond_reserve   number of walls that gave more than the reserve
+  limited_fraction       share of the outputs in contact that the controller changed
+  withheld_fraction      withheld force, divided by the wall's force; both summed over the outputs in contact
+  saturated_fraction     share of the outputs whose demand was above full scale
   rms_motion_m           RMS of the motion in the window
-  roughness_n            force above 100 Hz in the window, RMS
+  roughness_n            RMS of the force above 100 Hz in the window
 Fractions, RMS and roughness are means over the walls.
-Columns of lengths.csv, one row for each limit, cutoff, controller and length of the hits, at the boundary without it:
-  settle_s                  before the window
-  given_j                   as above; given_by_motion_j the same by the true motion, which the account cannot see
-  fed_w                     what the device's damping takes from the hum in the window, b <v^2>: the wall gives it, for as
-                            long as the hum lasts
-  withheld_most_fraction    at the wall at which most is withheld
-  sag                       mean penetration over push / K: above 1 the wall is softer than it was commanded";
+Columns of lengths.csv. It has a row for each limit, cutoff, controller and length of the hits. The walls are those of
+the boundary without the controller:
+  settle_s                  time before the window
+  given_j                   as above
+  given_by_motion_j         the same, computed from the true motion. The controller only knows the counts
+  fed_w                     power that the device's damping takes from the hum, b <v^2>. The wall gives it while it hums
+  withheld_most_fraction    withheld_fraction of the wall with the largest one
+  sag                       mean penetration divided by push / K. Above 1 the wall is softer than commanded";
 
 const FILES: &[&str] = &["passivity.csv", "lengths.csv", "passivity"];
 
@@ -155,6 +156,6 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
         lengths: &study.lengths,
     };
     print_of(common.json, &scene.scene, json, || {
-        format!("{}: {}\n  {results}", scene.name, passive::text(&study))
+        format!("{}: {}\n  {results}", scene.name, passive::text(&study, scene.scene.units))
     })
 }

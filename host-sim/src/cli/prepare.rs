@@ -120,13 +120,15 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     let mut outputs = common.outputs(&scene.files)?;
     let place = outputs.file(&file)?;
     let asked = first_settings(&scene.scene, None)?;
-    let parts = if args.starter { vec![] } else { Part::all(&scene.scene, &asked)? };
+    let file_of = named.unwrap_or(&scene.name);
+    let all = |first: &_| Part::all(&scene.scene, first).map_err(|error| error.of(file_of));
+    let parts = if args.starter { vec![] } else { all(&asked)? };
     fitting(&scene, &board, asked, !args.starter)?; // before the walks, which take long
     let quiet = (!args.starter).then(|| quiet_walls(&scene, common)).transpose()?;
     let (first, parts) = match quiet.as_ref().and_then(QuietStudy::cutoff_hz) {
         Some(hz) if !says_first(&scene.scene) => {
             let first = first_settings(&scene.scene, Some(hz))?;
-            (first, Part::all(&scene.scene, &first)?)
+            (first, all(&first)?)
         }
         _ => (asked, parts),
     };
@@ -154,7 +156,7 @@ fn quiet_walls(scene: &NamedScene, common: &Common) -> Result<QuietStudy, Error>
     let cutoffs_hz = &scene.scene.sweep.cutoffs_hz;
     let bar = progress::bar(cutoffs_hz.len() as u64);
     let first = with_first_estimator(scene)?;
-    let found = recommended(how, &first, cutoffs_hz, true, || bar.inc(1));
+    let found = recommended(how, &first, cutoffs_hz, true, |_| bar.inc(1));
     bar.finish_and_clear();
     found.map_err(|error| error.of(&scene.name))
 }

@@ -169,7 +169,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
         let bar = progress::bar(cutoffs_hz.len() as u64);
         let goes_on = args.cutoffs.is_none();
         let quiet =
-            (!args.plain).then(|| recommended(how, &scene, &cutoffs_hz, goes_on, || bar.inc(1)));
+            (!args.plain).then(|| recommended(how, &scene, &cutoffs_hz, goes_on, |_| bar.inc(1)));
         let quiet = quiet.transpose().map_err(|error| error.of(&scene.name))?;
         bar.finish_and_clear();
         let study = Study {

@@ -76,17 +76,20 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     };
     let by = json.protocol.map_or_else(String::new, |protocol| format!(", by {protocol}"));
     print_of(common.json, &scene.scene, &json, || {
-        units.text(&format!(
-            "{}: area {:.4e} N^2 s/m^2 with {}{by}\n\
-             peak K {} N/m, largest B {} N s/m, {} hits, ended by: {}",
+        let end = match boundary.ended {
+            Some(Ended::Closed) => "the boundary came down to the first K of the walk".to_owned(),
+            Some(cap) => format!("ended at the cap {}: more walls may be stable", cap.name()),
+            None => "the first wall is unstable".to_owned(),
+        };
+        format!(
+            "{}: area {} with {}{by}\npeak K {}, largest B {}, {} hits; {end}",
             scene.name,
-            json.area_n2_s_per_m2,
+            units.said(json.area_n2_s_per_m2, "N^2 s/m^2"),
             describe(&first.velocity, scene.scene.control.rate_hz),
-            json.stiffness_peak_n_per_m,
-            json.damping_max_n_s_per_m,
+            units.said(json.stiffness_peak_n_per_m, "N/m"),
+            units.said(json.damping_max_n_s_per_m, "N s/m"),
             json.hits,
-            json.ended_by
-        ))
+        )
     })
 }
 

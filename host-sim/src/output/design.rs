@@ -243,7 +243,7 @@ impl Designs {
 
     fn describe(&self, filter: &Designed) -> String {
         format!(
-            "{} N^2 s/m^2 x 10^6, {:.2} times Butterworth's best, gain peak {:.1} dB, in the worst of: {}",
+            "area {} x 10^6 N^2 s/m^2, {:.2} times the best Butterworth filter's, gain peak {:.1} dB, in the worst of: {}",
             millions(filter.area()),
             filter.worth,
             filter.gain_peak_db,
@@ -263,13 +263,11 @@ impl Designs {
         let capped: usize =
             self.0.filters.iter().flat_map(|f| &f.boundaries).map(|b| b.capped()).sum();
         if capped > 0 {
-            notes.push(format!(
-                "{capped} walks are cut at a cap of [walk]: their areas are larger than stated"
-            ));
+            notes.push(format!("caps of [walk] cut {capped} walks: the true areas are larger"));
         }
         if self.0.filters.iter().any(|filter| filter.roughness_n.is_none()) {
             notes.push(
-                "no roughness: the wall is not stable with that filter from every start".into(),
+                "a filter without roughness (-): the wall is not stable from every start".into(),
             );
         }
         notes
@@ -278,13 +276,14 @@ impl Designs {
     pub fn text(&self) -> String {
         let conditions = &self.0.question.conditions;
         let mut text = format!(
-            "filters by area in the worst of {} condition{}, {} walked; areas in 10^6 N^2 s/m^2, {} walks each",
+            "the best of {} tried filters, by area in the worst of {} condition{}\n  areas in 10^6 N^2 s/m^2, walks for each: \
+             {}; x butter.: area divided by that of the best Butterworth filter",
+            self.0.tried.len(),
             conditions.len(),
             if conditions.len() == 1 { "" } else { "s" },
-            self.0.tried.len(),
             self.0.question.repeats
         );
-        text += "\n         area butterworth x peak dB  lead ms  rough mN mistuned      f Hz damping    lead_s    zero";
+        text += "\n         area    x butter. peak dB  lead ms  rough mN mistuned      f Hz damping    lead_s    zero";
         for (place, filter) in self.0.filters.iter().enumerate() {
             let shape = &filter.shape;
             let rough = filter.roughness_n.map_or("-".into(), |n| format!("{:.0}", 1e3 * n));
@@ -308,8 +307,9 @@ impl Designs {
             self.0.reference_roughness_n.map_or("-".into(), |n| format!("{:.0} mN", 1e3 * n));
         let _ = write!(
             text,
-            "\n  rough: force above 100 Hz at K = {:.0} N/m, B = {} N s/m in the first condition; butterworth {rough}\n  \
-             mistuned: area left with frequency or damping off by {MISTUNED_BY}, the worst way",
+            "\n  peak: largest ratio of estimated to true velocity; lead: of the velocity of a slow motion, negative if it is \
+             late\n  rough: RMS of the force above 100 Hz at K = {:.0} N/m, B = {} N s/m in the first condition; butterworth \
+             {rough}\n  mistuned: area that is left in the worst case if frequency or damping is off by a factor of {MISTUNED_BY}",
             self.0.wall.stiffness_n_per_m, self.0.wall.damping_n_s_per_m
         );
         for (n, condition) in conditions.iter().enumerate() {

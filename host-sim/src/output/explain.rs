@@ -83,7 +83,10 @@ fn thousands(value: f64) -> f64 {
 
 impl ExplainReport<'_> {
     fn spoken(&self) -> Spoken {
-        let [k, v] = ["N/m", "m/s"].map(|unit| self.units.written(unit));
+        let [k, v] = match self.units {
+            Units::Linear => [("kN/m", 1e-3), ("mm/s", 1e3)],
+            Units::Rotary { .. } => ["N/m", "m/s"].map(|unit| self.units.written(unit)),
+        };
         let (unit, factor) = self.units.written("N² s/m²");
         let Explanation { base, changes, .. } = self.found;
         let areas = [base].into_iter().chain(changes).map(|one| one.area()[0] * factor);
@@ -107,8 +110,8 @@ impl ExplainReport<'_> {
     pub fn text(&self) -> String {
         let Spoken { k: (k_unit, k), v: (v_unit, v), area_unit, area } = self.spoken();
         let mut text = format!(
-            "what limits the walls of {}, judged by {}; areas in {area_unit}, K in {k_unit}, K at B = {}, noise in {v_unit}, \
-             each with the best tuning",
+            "what limits the walls of {}, by the criterion {}; each row has its own best tuning\nareas in {area_unit}, K in \
+             {k_unit}, noise in {v_unit}; K at B is at B = {}",
             self.scene,
             self.criterion,
             self.units.said(self.found.damping_n_s_per_m, "N s/m"),

@@ -151,7 +151,8 @@ impl LeverStudy {
     /// walls first.
     pub fn text(&self) -> String {
         let mut text = String::from(
-            "when the loop acts: area at the ideal cutoff, 10^6 N^2 s/m^2, with the ideal range in Hz; > cut at a cap",
+            "when the loop acts: area at the ideal cutoff, 10^6 N^2 s/m^2, and in brackets the ideal range, Hz\n  period: \
+             samples per output; >: a cap of the walk cuts the area",
         );
         for &limit in &self.question.limits {
             for &push in &self.question.pushes {
@@ -210,7 +211,7 @@ impl LeverStudy {
         let base = own.best()?;
         let area_of = base.boundaries.area();
         let mut text = format!(
-            "{} at {} Hz, up to {}; times this area: a perfect velocity {}",
+            "as it is: area {} at {} Hz, up to {}. Times this area with a perfect velocity {}",
             area(base),
             own.sweep.ideal?.cutoff_hz,
             stiffness(peak(base)),
@@ -222,9 +223,10 @@ impl LeverStudy {
             .levers
             .iter()
             .find(|lever| lever.of_loop != self.question.levers[0].of_loop);
-        for (of_period, what) in
-            [(period, "the latency of"), (1, "its latency and an output for every sample, of")]
-        {
+        for (of_period, what) in [
+            (period, "with the latency of"),
+            (1, "with the latency and an output for every sample of"),
+        ] {
             let of_board = self.question.levers.iter().position(|lever| {
                 Some(&lever.of_loop) == first.map(|first| &first.of_loop)
                     && lever.scene.actuator.period == of_period
@@ -245,7 +247,7 @@ impl LeverStudy {
             {
                 let _ = write!(
                     text,
-                    ", {} {}",
+                    ", with {} {}",
                     lever.between.text(),
                     three_digits(result.area() / area_of)
                 );

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     notation::three_digits,
-    scene::{PushBy, Walk},
+    scene::{PushBy, Units, Walk},
     study::{
         boundary::Boundaries,
         limits::{Limit, LimitResult, Question, Situation},
@@ -85,9 +85,32 @@ fn share(area: f64, result: &LimitResult) -> Option<f64> {
 }
 
 /// The grid of K and B of the walks, as text for people.
-pub(super) fn grid_text(walk: &Walk) -> String {
+pub(super) fn grid_text(walk: &Walk, units: Units) -> String {
     let [k, dk, k_max, b, db, b_max] = grid(walk);
-    format!("K from {k} by {dk} to {k_max} N/m, B from {b} by {db} to {b_max} N s/m")
+    let k = [k, dk, k_max].map(|k| units.said(k, "N/m"));
+    let b = [b, db, b_max].map(|b| units.said(b, "N s/m"));
+    let axis =
+        |name: &str, [from, by, to]: [String; 3]| format!("{name} from {from} by {by} to {to}");
+    format!("{}; {}", axis("K", k), axis("B", b))
+}
+
+/// Unit of the areas in tables for people, and its factor.
+pub(super) fn areas_in(units: Units) -> (&'static str, f64) {
+    match units {
+        Units::Linear => ("10^6 N^2 s/m^2", 1.0 / MILLION),
+        Units::Rotary { .. } => units.written("N^2 s/m^2"),
+    }
+}
+
+/// A limit as text in the scene's units.
+pub(super) fn name_in(limit: Limit, units: Units) -> String {
+    match limit {
+        Limit::Rms(metres) if units.is_rotary() => units.said(1e6 * metres, "um"),
+        Limit::Quiet(newtons) if units.is_rotary() => {
+            format!("quiet, {}", units.said(newtons, "N"))
+        }
+        _ => name(limit),
+    }
 }
 
 /// Who pushes, as text for people.
@@ -145,13 +168,18 @@ impl LimitStudy {
         self.results.iter().map(summary).collect()
     }
 
-    pub fn text(&self) -> String {
+    pub fn text(&self, units: Units) -> String {
         let Question { walk, rms_of, repeats, .. } = &self.question;
+        let (unit, factor) = areas_in(units);
+        let area_of = |boundaries: &Boundaries| {
+            let cut = if boundaries.capped() > 0 { ">" } else { "" };
+            format!("{cut}{}", three_digits(factor * boundaries.area()))
+        };
         let mut text = format!(
-            "area by limit and cutoff, 10^6 N^2 s/m^2; * ideal cutoff, > cut at a cap; RMS of {}; {repeats} walks \
-             each\n  {}",
+            "area by limit and cutoff, in {unit}; limit of the RMS of {}, walks for each area: {repeats}\n  *: ideal cutoff; \
+             >: a cap of the walk cuts the area\n  {}",
             rms_of.name(),
-            grid_text(walk)
+            grid_text(walk, units)
         );
         let mut last = None;
         for result in &self.results {
@@ -161,27 +189,26 @@ impl LimitStudy {
                 for cutoff in &result.result.cutoffs {
                     let _ = write!(text, " {:>7}", cutoff.cutoff_hz);
                 }
-                let told = if result.told.is_empty() { "" } else { "   true velocity, share" };
+                let told =
+                    if result.told.is_empty() { "" } else { "   true velocity, ideal's share" };
                 let _ = write!(text, "  {:>12}{told}", "ideal range");
             }
-            let _ = write!(text, "\n  {:>12}", name(result.limit));
+            let _ = write!(text, "\n  {:>12}", name_in(result.limit, units));
             let ideal = result.result.ideal;
             for cutoff in &result.result.cutoffs {
-                let cut = if cutoff.boundaries.capped() > 0 { ">" } else { "" };
                 let star = if ideal.is_some_and(|ideal| ideal.cutoff_hz == cutoff.cutoff_hz) {
                     "*"
                 } else {
                     ""
                 };
-                let area = format!("{cut}{}{star}", millions(cutoff.boundaries.area()));
+                let area = format!("{}{star}", area_of(&cutoff.boundaries));
                 let _ = write!(text, " {area:>7}");
             }
             let range = ideal.map_or("none".into(), |ideal| range(ideal.range_hz));
             let _ = write!(text, "  {range:>12}");
-            if let Some(told) = result.told_area() {
-                let cut = if result.told.capped() > 0 { ">" } else { "" };
+            if result.told_area().is_some() {
                 let share = share(result.area(), result).unwrap_or_default() * 100.0;
-                let _ = write!(text, "   {:>8}, {share:.0} %", format!("{cut}{}", millions(told)));
+                let _ = write!(text, "   {:>8}, {share:.0} %", area_of(&result.told));
             }
         }
         text

@@ -6,12 +6,15 @@ use serde::Serialize;
 
 use super::{
     figure::{Curve, Figure, FigureError, ZwidthPlot, zwidth},
-    limits::{grid_text, millions, name},
+    limits::{areas_in, grid_text, name, name_in},
     versioned,
 };
 use crate::{
-    analysis::passive::{Hits, PassiveRow, PassiveStudy},
-    scene::NamedScene,
+    analysis::{
+        explain::table::digits,
+        passive::{Hits, PassiveRow, PassiveStudy},
+    },
+    scene::{NamedScene, Units},
 };
 
 #[derive(Clone, Debug, Serialize)]
@@ -57,9 +60,9 @@ pub fn figure(study: &PassiveStudy, scene: &NamedScene) -> Result<Figure, Figure
         units: scene.scene.units,
         title: format!("Stable walls with a passivity controller, {}", scene.name),
         subtitle: format!(
-            "limit {}; a contact gives at most {:.3e} J with it",
+            "limit {}; with the controller a contact gives at most {} mJ",
             first.map(name).unwrap_or_default(),
-            study.reserve_j
+            digits(1e3 * study.reserve_j)
         ),
         marked: "ideal",
         legend: "Cutoff, controller".into(),
@@ -67,18 +70,21 @@ pub fn figure(study: &PassiveStudy, scene: &NamedScene) -> Result<Figure, Figure
     })
 }
 
-pub fn text(study: &PassiveStudy) -> String {
+pub fn text(study: &PassiveStudy, units: Units) -> String {
+    let (area_unit, factor) = areas_in(units);
     let mut text = format!(
-        "with the controller a contact gives at most {:.3e} J; {} walks each, > cut at a cap\n  {}\n  hits at walls of \
-         the boundary: most given in a contact, force withheld, RMS of the motion, force above 100 Hz\n",
-        study.reserve_j,
+        "with the controller a contact gives at most {} mJ\n  areas in {area_unit}, walks for each: {}; >: a cap of the \
+         walk cuts the area\n  {}\n  hits at the walls of one boundary (found with or without the controller): the most \
+         energy that a contact gave,\n  share of the force that was withheld, RMS of the motion, RMS of the force above \
+         100 Hz\n",
+        digits(1e3 * study.reserve_j),
         study.question.repeats,
-        grid_text(&study.question.walk)
+        grid_text(&study.question.walk, units)
     );
-    text += "           limit     cutoff controller     area  walls of    given, J  withheld  RMS, um  rough, N";
+    text += "           limit     cutoff controller     area  boundary  given, mJ  withheld  RMS, um  rough, N";
     for row in &study.rows {
         let cut = if row.boundaries.capped() > 0 { ">" } else { "" };
-        let area = format!("{cut}{}", millions(row.boundaries.area()));
+        let area = format!("{cut}{}", digits(factor * row.boundaries.area()));
         let controller = with(row.controller);
         let cutoff = cutoff(row.cutoff_hz);
         for (of, hits) in ["without", "with"].into_iter().zip(&row.hits) {
@@ -87,31 +93,33 @@ pub fn text(study: &PassiveStudy) -> String {
             }
             let _ = write!(
                 text,
-                "\n  {:>14} {cutoff:>10} {controller:>10} {area:>8}  {of:>8} {:>11.3e} {:>7.2} % {:>8.2} {:>9.4}",
-                name(row.limit),
-                hits.given_j,
+                "\n  {:>14} {cutoff:>10} {controller:>10} {area:>8}  {of:>8} {:>10} {:>7.2} % {:>8} {:>9}",
+                name_in(row.limit, units),
+                digits(1e3 * hits.given_j),
                 100.0 * hits.withheld_fraction,
-                1e6 * hits.rms_motion_m,
-                hits.roughness_n
+                digits(1e6 * hits.rms_motion_m),
+                digits(hits.roughness_n)
             );
         }
     }
-    text += "\n  area in 10^6 N^2 s/m^2\n  the walls of the boundary without, by the length of the hit: most given by counts and by \
-             the motion, fed by the hum,\n  force withheld, mean and most, and how far the wall sags";
+    text += "\n  hits of other lengths at the walls of the boundary without the controller: the most energy given, by the counts \
+             and by the\n  true motion; power that the hum takes from the wall; share of the force withheld, mean and most; \
+             sag: penetration\n  divided by push / K\n           limit     cutoff controller   length  given, mJ  by motion   hum, \
+             mW  withheld      most    sag";
     for row in &study.lengths {
         let _ = write!(
             text,
-            "\n  {:>14} {:>10} {:>10} {:>6} s {:>11.3e} J {:>11.3e} J {:>11.3e} W {:>7.2} % {:>7.2} % {:>6.3}",
-            name(row.limit),
+            "\n  {:>14} {:>10} {:>10} {:>6} s {:>10} {:>10} {:>9} {:>7.2} % {:>7.2} % {:>6}",
+            name_in(row.limit, units),
             cutoff(row.cutoff_hz),
             with(row.controller),
             row.settle_s,
-            row.given_j,
-            row.given_by_motion_j,
-            row.fed_w,
+            digits(1e3 * row.given_j),
+            digits(1e3 * row.given_by_motion_j),
+            digits(1e3 * row.fed_w),
             100.0 * row.withheld_fraction,
             100.0 * row.withheld_most_fraction,
-            row.sag
+            digits(row.sag)
         );
     }
     text

@@ -6,7 +6,7 @@ use super::{
     limits::{grid_text, millions, name},
     versioned,
 };
-use crate::analysis::compare::peers::PeerStudy;
+use crate::{analysis::compare::peers::PeerStudy, scene::Units};
 
 pub fn csv(study: &PeerStudy) -> String {
     versioned(study.table()).csv()
@@ -14,10 +14,10 @@ pub fn csv(study: &PeerStudy) -> String {
 
 pub fn text(study: &PeerStudy) -> String {
     let mut text = format!(
-        "area by limit of the motion, 10^6 N^2 s/m^2, and its share of what the true velocity reaches; > cut at a cap\n  \
-         untuned defaults; {} walks each; {}",
+        "area by limit of the motion, 10^6 N^2 s/m^2, and its share of the area with the true velocity; >: a cap of the walk \
+         cuts the area\n  untuned defaults; walks for each area: {}; {}",
         study.question.repeats,
-        grid_text(&study.question.walk)
+        grid_text(&study.question.walk, Units::Linear)
     );
     let width = study.rows.iter().map(|row| row.name.len()).max().unwrap_or(0);
     for (place, (loop_name, scene)) in study.question.loops.iter().enumerate() {

@@ -81,13 +81,13 @@ impl Answer {
 
 fn reason(units: Units, study: &QuietStudy, of: &Recommended) -> String {
     let mut text = format!(
-        "the largest area of quiet walls, {}, of {} tried; those of the range have at least {} % of it",
-        units.said(of.area, "N^2 s/m^2"),
+        "the largest area of quiet walls of {}, {}; as good means at least {} % of it",
         if let [_] = study.cutoffs[..] {
-            "1 cutoff that was".into()
+            "1 tried cutoff".into()
         } else {
-            format!("{} cutoffs that were", study.cutoffs.len())
+            format!("{} tried cutoffs", study.cutoffs.len())
         },
+        units.said(of.area, "N^2 s/m^2"),
         100.0 * AS_GOOD
     );
     let ends = match of.is_open {
@@ -118,7 +118,7 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
     let by = scene.scene.wall_hit.protocol.named();
     let by = by.map_or_else(String::new, |protocol| format!(" by {protocol}"));
     let dial_in = format!(
-        "{name}: dial in {} Hz{range}: walls that move and hum less than a hand tells{by}, up to K = {} (with B = {}) and B = {}.",
+        "{name}: dial in {} Hz{range}. Walls are quiet{by} up to K = {} (with B = {}), and up to B = {}.",
         of.cutoff_hz,
         units.said(of.stiffest.stiffness_n_per_m, "N/m"),
         units.said(of.stiffest.damping_n_s_per_m, "N s/m"),
@@ -127,10 +127,11 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
     let next = format!(
         "Next: `cargo sim explain {name}` says what limits these walls, `cargo sim prepare` makes a board's record of a scene"
     );
-    let has = format!("It has {}.", reason(units, study, of));
+    let has = format!("This cutoff has {}.", reason(units, study, of));
     let free = study.free.map(|free| {
         format!(
-            "The other end of the Z-width, free motion: {}, {}, dry friction {}; at rest in free air the output hums by {} RMS.",
+            "Free motion, the other end of the Z-width: {} {}, damping {}, dry friction {}; the output of the resting handle hums by {} RMS.",
+            if units.is_rotary() { "inertia" } else { "mass" },
             units.said(free.mass_kg, "kg"),
             units.said(free.damping_n_s_per_m, "N s/m"),
             units.said(free.friction_n, "N"),
@@ -150,14 +151,18 @@ fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<St
         Protocol::Taps => "taps (two a second)",
         Protocol::Hand => "a hand that sways by 30 %",
     };
-    let (unit, factor) = units.written("N/m");
+    let (_, factor) = units.written("N/m");
     let each = study.protocols.iter().map(|held| match &held.stiffest {
         Ok(Some(k)) if *k >= stiffness => format!("quiet by {}", said(held.protocol)),
         Ok(Some(k)) => {
             let k = k * factor;
             let near = rounded(k, 2);
             let most = if near > k { rounded(0.95 * k, 2) } else { near }; // at most the K that was tested
-            format!("by {} not above K = {most} {unit}", said(held.protocol))
+            format!(
+                "by {} up to K = {} only",
+                said(held.protocol),
+                units.said(most / factor, "N/m")
+            )
         }
         Ok(None) => format!("by {} at no K", said(held.protocol)),
         Err(why) => format!("by {} not tried: {why}", said(held.protocol)),
@@ -166,7 +171,7 @@ fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<St
     (!each.is_empty()).then(|| {
         let b = units.said(of.stiffest.damping_n_s_per_m, "N s/m");
         format!(
-            "The stiffest of them, B = {b}, when it is tried in other ways (--protocol): {}.",
+            "The stiffest wall, B = {b}, tried in other ways (--protocol): {}.",
             each.join("; ")
         )
     })
@@ -186,12 +191,15 @@ pub fn by_its_own(scene: &NamedScene, ideal: Option<Ideal>) -> Option<String> {
     let by = match (hit.criterion, hit.rms_of()) {
         (Criterion::Quiet, _) => return None,
         (Criterion::Rms, RmsOf::Counts) => {
-            "the paper's criterion, which looks at the motion and not at the force".to_owned()
+            "the paper's criterion, which ignores the force".to_owned()
         }
         (criterion, _) => format!("the scene's own criterion, {}", criterion.name()),
     };
     Some(match ideal {
         None => format!("By {by}: no stable wall at any cutoff"),
+        Some(Ideal { cutoff_hz, range_hz: [low, high], .. }) if low == high => {
+            format!("By {by}: {cutoff_hz} Hz")
+        }
         Some(Ideal { cutoff_hz, range_hz: [low, high], .. }) => {
             format!("By {by}: {cutoff_hz} Hz, range {low} to {high} Hz")
         }

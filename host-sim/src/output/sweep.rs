@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use serde::Serialize;
-use zwidth::experiment::Ended;
+use zwidth::{experiment::Ended, velocity::EstimatorName};
 
 use crate::{
     error::Error,
@@ -158,27 +158,40 @@ struct VariantSummary {
 fn convention(study: &Study, best_hz: Option<f64>) -> String {
     let scene = &study.scene.scene;
     let shown = best_hz.or_else(|| study.result.cutoffs.last().map(|last| last.cutoff_hz));
-    let nominal_is_true = scene.true_cutoff_hz(1.0) == 1.0;
-    if nominal_is_true {
-        return "Bilinear, pre-warped: the nominal cutoff is the -3 dB frequency.".into();
-    }
-    let Some(nominal) = shown else {
-        return "Bilinear, not pre-warped.".into();
+    let filter = match scene.velocity.estimator() {
+        EstimatorName::ButterworthPrewarped | EstimatorName::FirstOrderPrewarped => {
+            return "Bilinear, pre-warped: the nominal cutoff is the -3 dB frequency.".into();
+        }
+        EstimatorName::Butterworth | EstimatorName::FirstOrder | EstimatorName::SecondOrder => {
+            "Bilinear, not pre-warped"
+        }
+        EstimatorName::Biquad => "The nominal cutoff is the frequency of the poles",
+        _ => {
+            return "The nominal cutoff is a parameter of the estimator, not a -3 dB frequency."
+                .into();
+        }
     };
+    let Some(nominal) = shown else { return format!("{filter}.") };
     let true_hz = scene.true_cutoff_hz(nominal);
-    format!("Bilinear, not pre-warped: nominal {nominal} Hz is -3 dB at {true_hz:.1} Hz.")
+    format!("{filter}: nominal {nominal} Hz is -3 dB at {true_hz:.1} Hz.")
 }
 
-fn subtitle(study: &Study) -> String {
+/// Encoder, rates and latency, then `criterion`.
+fn subtitle(study: &Study, criterion: &str) -> String {
     let scene = &study.scene.scene;
     let rate_khz = scene.control.rate_hz / 1e3;
-    scene.units.text(&format!(
-        "{} um encoder, {rate_khz} kHz sampling, {} kHz output, latency {} samples, RMS limit {} um",
-        rounded(scene.encoder.resolution_m * 1e6, DIGITS),
+    format!(
+        "{} encoder, {rate_khz} kHz sampling, {} kHz output, latency {} samples{criterion}",
+        scene.units.said(scene.encoder.resolution_m * 1e6, "um"),
         rounded(rate_khz / f64::from(scene.actuator.period), DIGITS),
         scene.actuator.latency,
-        rounded(scene.wall_hit.rms_limit_m * 1e6, DIGITS),
-    ))
+    )
+}
+
+/// The limit of the scene's own criterion, as the end of a subtitle.
+fn own_limit(study: &Study) -> String {
+    let scene = &study.scene.scene;
+    format!(", RMS limit {}", scene.units.said(scene.wall_hit.rms_limit_m * 1e6, "um"))
 }
 
 /// Number of significant digits. A conversion of units may change further digits.
@@ -284,14 +297,14 @@ impl Study {
         let Some((quiet, found)) = self.recommended() else { return Ok(None) };
         let walks = "Quiet walls: one walk per cutoff, each wall at four pushes.";
         let figure = self.areas(
-            format!("Area of quiet walls over the cutoff, {}", self.scene.name),
+            [&format!("Area of quiet walls over the cutoff, {}", self.scene.name), ""],
             AreaPlot::DIAL_IN,
             quiet.cutoffs.iter(),
             Some((found.cutoff_hz, found.range_hz)),
             walks,
         )?;
-        let caption = "Walls whose motion and force rest at four pushes, and that are as stiff as commanded: the area of \
-                       their boundary. The cutoffs beside the best one were added by the sweep.";
+        let caption = "The area below the boundary of the quiet walls. At a quiet wall, motion and force rest at four \
+                       pushes, and the stiffness is as commanded. The sweep added cutoffs beside the best one.";
         Ok(Some(ReportFigure { figure, caption: caption.into() }))
     }
 
@@ -301,7 +314,7 @@ impl Study {
         let asked = |cutoff_hz| self.result.cutoffs.iter().any(|of| of.cutoff_hz == cutoff_hz);
         let shown = |of: &&CutoffResult| of.cutoff_hz == found.cutoff_hz || asked(of.cutoff_hz);
         let figure = self.boundaries(
-            format!("Quiet walls, {}", self.scene.name),
+            [&format!("Quiet walls, {}", self.scene.name), ""],
             "dial in",
             Some(found.cutoff_hz),
             quiet.cutoffs.iter().filter(shown),
@@ -313,7 +326,7 @@ impl Study {
 
     fn zwidth(&self) -> Result<ReportFigure, Error> {
         let figure = self.boundaries(
-            format!("Z-width, {}", self.scene.name),
+            [&format!("Z-width, {}", self.scene.name), &own_limit(self)],
             "ideal",
             self.result.ideal.map(|ideal| ideal.cutoff_hz),
             self.result.cutoffs.iter(),
@@ -325,7 +338,7 @@ impl Study {
 
     fn boundaries<'a>(
         &self,
-        title: String,
+        [title, criterion]: [&str; 2],
         marked: &'static str,
         best_hz: Option<f64>,
         cutoffs: impl Iterator<Item = &'a CutoffResult>,
@@ -337,8 +350,8 @@ impl Study {
             Curve::of_cutoff(of.cutoff_hz, of.true_cutoff_hz, is_best, points)
         });
         Ok(figure::zwidth(&ZwidthPlot {
-            title,
-            subtitle: subtitle(self),
+            title: title.into(),
+            subtitle: subtitle(self, criterion),
             units: self.scene.scene.units,
             legend: Curve::CUTOFF_LEGEND.into(),
             marked,
@@ -361,7 +374,7 @@ impl Study {
             n => format!("Points are means of {n} walks, starts spread over one count."),
         };
         let figure = self.areas(
-            format!("Z-width area over the cutoff, {}", self.scene.name),
+            [&format!("Z-width area over the cutoff, {}", self.scene.name), &own_limit(self)],
             AreaPlot::IDEAL,
             self.result.cutoffs.iter(),
             ideal.map(|ideal| (ideal.cutoff_hz, ideal.range_hz)),
@@ -374,7 +387,7 @@ impl Study {
     /// The area figure. `best` is the cutoff that is marked, with its range.
     fn areas<'a>(
         &self,
-        title: String,
+        [title, criterion]: [&str; 2],
         names: [&'static str; 2],
         cutoffs: impl Iterator<Item = &'a CutoffResult>,
         best: Option<(f64, [f64; 2])>,
@@ -382,8 +395,8 @@ impl Study {
     ) -> Result<Figure, Error> {
         let ideal_cutoff_hz = best.map(|(cutoff_hz, _)| cutoff_hz);
         Ok(figure::area(&AreaPlot {
-            title,
-            subtitle: subtitle(self),
+            title: title.into(),
+            subtitle: subtitle(self, criterion),
             units: self.scene.scene.units,
             points: cutoffs.map(area_row).collect(),
             ideal_cutoff_hz,
@@ -455,7 +468,7 @@ impl Study {
     /// Texts for people. They describe the additional results that the user has asked for.
     pub fn texts(&self) -> Vec<(&'static str, String)> {
         [
-            self.limits.as_ref().map(|limits| ("Limits", limits.text())),
+            self.limits.as_ref().map(|limits| ("Limits", limits.text(self.scene.scene.units))),
             self.levers.as_ref().map(|levers| ("When the loop acts", levers.text())),
             self.rates.as_ref().map(|rates| ("Encoder rate and output rate", rates.text())),
             self.probability.as_ref().map(|sure| ("How sure", sure.text())),
@@ -471,7 +484,7 @@ impl Study {
         let mut notes: Vec<String> = answers.chain(self.notes()).collect();
         notes.extend(self.variants.iter().map(VariantResult::sentence));
         report::html(&Report {
-            title: format!("{}: {}", self.scene.name, subtitle(self)),
+            title: format!("{}: {}", self.scene.name, subtitle(self, "")),
             ideal_cutoff_hz: self.result.ideal.map(|ideal| ideal.cutoff_hz),
             ideal_cutoff_range_hz: self.result.ideal.map(|ideal| ideal.range_hz),
             answer,

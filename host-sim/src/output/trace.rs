@@ -45,12 +45,12 @@ pub fn figure(
     Ok(hit_trace(&TracePlot {
         title: format!("Wall hit, {}", scene.name),
         units: scene.scene.units,
-        subtitle: scene.scene.units.text(&format!(
-            "K = {} N/m, B = {} N s/m, {}",
-            hit.stiffness_n_per_m,
-            hit.damping_n_s_per_m,
+        subtitle: format!(
+            "K = {}, B = {}, {}",
+            scene.scene.units.said(hit.stiffness_n_per_m, "N/m"),
+            scene.scene.units.said(hit.damping_n_s_per_m, "N s/m"),
             describe(&hit.velocity, scene.scene.control.rate_hz)
-        )),
+        ),
         rate_hz: trace.rate_hz,
         positions_m: trace.rows.iter().map(|row| row.position_m).collect(),
         wall_m: scene.scene.wall.position_m,

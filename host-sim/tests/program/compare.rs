@@ -364,7 +364,11 @@ fn conditions_of_the_command_line_are_those_of_a_scene() {
         (of(&row["share_of_true_velocity"]) - share).abs() < 1e-12 && share > 0.0 && share < 1.0
     );
     for (option, value, said) in [
-        ("--limit", "0", "allowed an RMS in m above 0, quiet, felt, or felt=DB over the threshold"),
+        (
+            "--limit",
+            "0",
+            "allowed an RMS in m (above 0), quiet, felt, or felt=DB (DB over the threshold)",
+        ),
         ("--limit", "1e-6,felt", "allowed one"),
         ("--arm", "nobody", "--arm: "),
         ("--push", "foot", "hand"),

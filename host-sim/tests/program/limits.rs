@@ -70,14 +70,17 @@ fn what_cannot_be_asked_is_refused() {
     for (args, expected) in [
         (
             &["--limits", "1e-6,x"][..],
-            "`x` is no limit, allowed an RMS in m above 0, quiet, felt, or felt=DB over the threshold",
+            "`x` is no limit, allowed an RMS in m (above 0), quiet, felt, or felt=DB (DB over the threshold)",
         ),
         (&["--limits", "1e-12"], "--limits: wall_hit.rms_limit_m is 0.000000000001, allowed"),
         (
             &["--limits", "1e-6", "--arms", "nobody"],
             "there is no arm `nobody`, allowed heavy, light",
         ),
-        (&["--limits", "1e-6", "--steps", "500"], "`500` is not two numbers K,B"),
+        (
+            &["--limits", "1e-6", "--steps", "500"],
+            "`500`: two numbers K,B are needed, for example 500,5",
+        ),
         (&["--limits", "1e-6", "--starts", "0,5"], "walk.stiffness_start_n_per_m is 0, allowed"),
     ] {
         let line = refused(folder.path(), &[&["sweep", "paper-1um"][..], args].concat());

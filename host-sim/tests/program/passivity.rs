@@ -80,7 +80,7 @@ fn a_hit_says_what_the_controller_has_done() {
         "{json}"
     );
     let said = String::from_utf8(sim(folder.path(), &args).stdout).unwrap();
-    assert!(said.contains("its passivity controller has changed"), "{said}");
+    assert!(said.contains("its passivity controller changed"), "{said}");
 }
 
 #[test]

@@ -368,6 +368,14 @@ fn what_does_not_fit_a_board_is_one_line_with_the_key() {
         let line = refused(folder.path(), &["prepare", "mine.toml"]);
         assert!(line.contains(wanted), "{line} should say {wanted}");
     }
+    let folder = scene(&[
+        ("cutoff_hz = 360", "estimators = [\"tracking-loop\"]\ncutoff_hz = 360"),
+        ("[500, 1500]", "[4500]"),
+    ]);
+    let line = refused(folder.path(), &["prepare", "mine.toml"]);
+    let wanted =
+        "mine.toml: with tracking-loop of the envelope: sweep.cutoffs_hz is 4500, allowed ";
+    assert!(line.contains(wanted), "{line}");
     let folder = scene(&[]);
     let path = folder.path();
     fs::rename(path.join("mine.toml"), path.join("a-name-of-17-byte.toml")).unwrap();

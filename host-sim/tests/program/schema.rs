@@ -94,5 +94,9 @@ fn every_key_has_a_meaning() {
     for row in rows {
         let cells: Vec<_> = row.split(" | ").collect();
         assert!(cells.len() == 5 && cells[2].len() > 8, "{row}");
+        let of_drive = ["amplifier_a_per_v", "resistance_ohm", "supply_v"];
+        if of_drive.iter().any(|key| cells[0] == format!("| `rotary.{key}`")) {
+            assert!(cells[2].starts_with("With `drive = ") && cells[4] == "needed |", "{row}");
+        }
     }
 }

@@ -103,7 +103,7 @@ fn a_verdict_that_leads_nowhere_ends_it_and_says_what_helps() {
         let mut bench = begun();
         cell(&mut bench, 1000.0, 10.0);
         let said = judge(&mut bench, verdict);
-        let end = format!("error: walk: {why}, {NO_RESULT}, hits 1, points 0, ended by an error");
+        let end = format!("error: walk: {why}, {NO_RESULT}, hits 1, points 0");
         assert_eq!((said.len(), said[1].as_str()), (2, end.as_str()));
         over(&mut bench);
     }
@@ -111,7 +111,7 @@ fn a_verdict_that_leads_nowhere_ends_it_and_says_what_helps() {
 
 /// The line that ends a walk before its first verdict.
 fn aborted(why: &str) -> String {
-    format!("error: walk: {why}, {NO_RESULT}, hits 0, points 0, ended by an error")
+    format!("error: walk: {why}, {NO_RESULT}, hits 0, points 0")
 }
 
 #[test]
@@ -234,9 +234,7 @@ fn a_walk_that_nobody_reads_ends_and_says_so_once_somebody_does() {
     }
     let (lines, _) = bench.take();
     assert!(lines[0].starts_with("walk hit 1"), "{lines:?}");
-    let end = format!(
-        "error: walk: nobody read its results, {NO_RESULT}, hits 1, points 0, ended by an error"
-    );
+    let end = format!("error: walk: nobody read its results, {NO_RESULT}, hits 1, points 0");
     assert_eq!(lines[1..], [end]);
 }
 

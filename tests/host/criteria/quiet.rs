@@ -90,7 +90,7 @@ fn the_recommended_cutoff_is_near_the_best_of_the_independent_program() {
     {
         let scene = scene(name, *period, *steps);
         let list = [100.0, 200.0, 500.0, 1000.0, 2000.0];
-        let study = recommended(how, &scene, &list, true, || ()).unwrap();
+        let study = recommended(how, &scene, &list, true, |_| ()).unwrap();
         let found = study.recommended.unwrap();
         let [low, high] = found.range_hz;
         assert!(low <= found.cutoff_hz && found.cutoff_hz <= high);
@@ -113,7 +113,7 @@ fn a_walk_that_breaks_off_hides_no_better_cutoff() {
     at_once.scene.actuator.latency = 0.0;
     every_sample.scene.actuator.period = 1;
     for scene in [at_once, every_sample] {
-        let study = recommended(how, &scene, &scene.scene.sweep.cutoffs_hz, true, || ()).unwrap();
+        let study = recommended(how, &scene, &scene.scene.sweep.cutoffs_hz, true, |_| ()).unwrap();
         let found = study.recommended.unwrap();
         assert!((33.0..46.0).contains(&found.cutoff_hz), "{found:?}"); // 94 and 100 Hz have 40 % of the area
     }
@@ -229,7 +229,7 @@ fn share_of_the_best(scene: &NamedScene) -> Option<[f64; 3]> {
     let stop = AtomicBool::new(false);
     let how = How { engine: Engine::lanes(), numeric: Numeric::Fixed, stop: &stop };
     let study =
-        recommended(how, scene, &[30.0, 100.0, 300.0, 1000.0, 3000.0], true, || ()).unwrap();
+        recommended(how, scene, &[30.0, 100.0, 300.0, 1000.0, 3000.0], true, |_| ()).unwrap();
     let found = study.recommended.inspect_err(|why| println!("  {why}")).ok()?;
     let mut other = scene.scene.clone();
     other.wall_hit.force_rms_limit_n = Some(other.wall_hit.force_rms_limit_n());

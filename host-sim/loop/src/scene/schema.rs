@@ -236,7 +236,10 @@ fn listed(schema: &Value, path: &str, with: &str, found: &mut Vec<Key>) {
         let absent = match key.get("default") {
             Some(Value::String(default)) => default.clone(),
             Some(default @ (Value::Number(_) | Value::Bool(_))) => default.to_string(),
-            _ if is_needed => "needed".into(),
+            // A table with `drive` has one type for both drives, so its type says that these keys are optional.
+            _ if is_needed || text(&key["description"]).starts_with("With `drive = ") => {
+                "needed".into()
+            }
             _ => "optional".into(),
         };
         let meaning = format!("{with}{}", text(&key["description"]));

@@ -77,7 +77,7 @@ const DIGITS_IN: usize = 15;
 /// Significant digits of a value that is written.
 const DIGITS_OUT: usize = 12;
 /// Significant digits of a value in a text for people.
-const DIGITS_READ: usize = 4;
+const DIGITS_READ: usize = 3;
 
 /// Whether `key` ends with `suffix`, at a word boundary.
 fn ends(key: &str, suffix: &str) -> bool {
@@ -177,10 +177,25 @@ impl Units {
         }
     }
 
-    /// Writes a value at the handle as text for people, with four digits and a unit. `unit` is the linear unit.
+    /// Writes a value at the handle as text for people, with three digits and a unit. `unit` is the linear unit. A unit
+    /// that begins with N gets a prefix. Other large and small numbers have an exponent.
     pub fn said(self, at_handle: f64, unit: &'static str) -> String {
         let (unit, factor) = self.written(unit);
-        format!("{} {unit}", rounded(at_handle * factor, DIGITS_READ))
+        let value = rounded(at_handle * factor, DIGITS_READ);
+        if unit.starts_with('N') && !unit.starts_with("N^2") {
+            let (prefix, times) = match value.abs() {
+                v if v >= 1e6 => ("M", 1e-6),
+                v if v >= 1e3 => ("k", 1e-3),
+                v if v >= 0.1 || v == 0.0 => ("", 1.0),
+                v if v >= 1e-4 => ("m", 1e3),
+                _ => ("u", 1e6),
+            };
+            return format!("{} {prefix}{unit}", rounded(value * times, DIGITS_READ));
+        }
+        match value.abs() {
+            v if v >= 1e5 || (v > 0.0 && v < 1e-3) => format!("{value:e} {unit}"),
+            _ => format!("{value} {unit}"),
+        }
     }
 
     /// Converts the numbers of a text to these units. The function finds the forms `NUMBER UNIT`,
@@ -304,11 +319,18 @@ mod tests {
     }
 
     #[test]
-    fn a_number_in_a_sentence_has_four_digits_and_its_unit() {
+    fn a_number_in_a_sentence_has_three_digits_and_its_unit_with_a_prefix() {
         for (at_handle, unit, linear, rotary) in [
             (0.25, "um", "0.25 um", "0.0573 mdeg"),
-            (1.0 / 3.0, "mm", "0.3333 mm", "0.07639 deg"),
-            (11.812, "N", "11.81 N", "2.953 N m"),
+            (1.0 / 3.0, "mm", "0.333 mm", "0.0764 deg"),
+            (11.812, "N", "11.8 N", "2.95 N m"),
+            (0.05906, "N", "59.1 mN", "14.8 mN m"),
+            (-0.00008, "N", "-80 uN", "-20 uN m"),
+            (999.96, "N/m", "1 kN/m", "62.5 N m/rad"),
+            (54_000.0, "N/m", "54 kN/m", "3.38 kN m/rad"),
+            (7.96e6, "N^2 s/m^2", "7.96e6 N^2 s/m^2", "31100 N^2 m^2 s/rad^2"),
+            (0.416, "kg", "0.416 kg", "0.026 kg m^2"),
+            (1.76e-4, "kg", "1.76e-4 kg", "1.1e-5 kg m^2"),
             (100.0, "N s/m", "100 N s/m", "6.25 N m s/rad"),
             (0.0, "m", "0 m", "0 deg"),
         ] {

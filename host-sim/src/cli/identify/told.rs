@@ -108,8 +108,8 @@ pub(super) fn draw(
 ) -> Result<figure::Figure, Error> {
     let fit = &found.fits[0];
     let spring = found.spring.as_ref().map_or("no spring".to_owned(), |spring| {
-        let (k, x0) = (spring.stiffness_n_per_m.value, spring.rest_position_m.value);
-        format!("k = {k:.4} N/m, x0 = {x0:.4} m")
+        let (k, x0) = (spring.stiffness_n_per_m.value, 1e3 * spring.rest_position_m.value);
+        format!("k = {}, x0 = {}", units.said(k, "N/m"), units.said(x0, "mm"))
     });
     let stem = Path::new(&record.name).file_stem().unwrap_or_default().to_string_lossy();
     let (command_title, told) = match (record.drive, units) {
@@ -120,12 +120,13 @@ pub(super) fn draw(
     };
     Ok(figure::pulse_response(&ResponsePlot {
         title: format!("Measured response and identified model, {stem}"),
-        subtitle: units.text(&format!(
-            "m = {:.4} kg, b = {:.4} N s/m, {spring}; residual {:.2} µm RMS",
-            found.mass_kg.value,
-            found.damping_n_s_per_m.value,
-            found.residual.rms_m * 1e6
-        )),
+        subtitle: format!(
+            "{} = {}, b = {}, {spring}; residual {} RMS",
+            if units.is_rotary() { "J" } else { "m" },
+            units.said(found.mass_kg.value, "kg"),
+            units.said(found.damping_n_s_per_m.value, "N s/m"),
+            units.said(found.residual.rms_m * 1e6, "µm")
+        ),
         start_s: record.start_s,
         step_s: record.step_s,
         command: record.command.iter().map(|command| command * told).collect(),
@@ -151,8 +152,11 @@ pub(super) fn table(
         let _ = write!(text, "\n  {}", row.text());
     }
     for Tested { term, z, p } in &found.terms.tests {
-        let _ =
-            write!(text, "\n  {} told from none: {z:.1} standard errors, p = {p:.1e}", term.name());
+        let _ = write!(
+            text,
+            "\n  {} differs from 0 by {z:.1} standard errors, p = {p:.1e}",
+            term.name()
+        );
     }
     let residual = &found.residual;
     let rms = units.text(&format!("{:.3} um RMS", residual.rms_m * 1e6));

@@ -45,7 +45,11 @@ impl Part {
         let part = |scene: Scene, design: Option<(String, u8)>, period: u32| {
             let mut scene = scene;
             scene.actuator.period = period;
-            scene.check().map_err(Error::Input)?;
+            scene.check().map_err(|why| {
+                let why = scene.units.text(&why);
+                let name = scene.velocity.estimator().text();
+                Error::Input(format!("with {name} of the envelope: {why}"))
+            })?;
             let own = first
                 .cutoff_hz()
                 .filter(|_| design.is_none() && scene.velocity.estimator() == first.name());

@@ -37,7 +37,7 @@ impl LimitAsked {
             Ok(level_db) if level && level_db.is_finite() => Ok(Self::FeltAt(level_db)),
             Ok(limit_m) if !level && limit_m.is_finite() && limit_m > 0.0 => Ok(Self::Rms(limit_m)),
             _ => Err(format!(
-                "`{one}` is no limit, allowed an RMS in m above 0, quiet, felt, or felt=DB over the threshold"
+                "`{one}` is no limit, allowed an RMS in m (above 0), quiet, felt, or felt=DB (DB over the threshold)"
             )),
         }
     }

@@ -177,7 +177,8 @@ impl FreeMotion {
 }
 
 /// Finds the recommended cutoff, beginning with a list. If `goes_on` is true, the search continues beyond the ends of
-/// the list. Calls `done` after each walk.
+/// the list. Calls `done` after each walk, with the number of walks that are planned so far. The search plans more
+/// walks when it sees the first results.
 ///
 /// # Errors
 /// `stop` was set, or an unexpected error.
@@ -186,9 +187,9 @@ pub fn recommended(
     scene: &NamedScene,
     cutoffs_hz: &[f64],
     goes_on: bool,
-    done: impl Fn() + Sync,
+    done: impl Fn(u64) + Sync,
 ) -> Result<QuietStudy, Error> {
-    let mut study = Search { how, scene: quiet(scene), done, cutoffs: vec![], is_seeded: false };
+    let mut study = Search::new(how, quiet(scene), done);
     let recommended = match study.run(&ascending(cutoffs_hz), goes_on) {
         Err(Error::Input(why)) => Err(why),
         found => found?.ok_or_else(|| "no quiet wall at any cutoff".to_owned()),
@@ -235,8 +236,7 @@ pub fn ranked(
     }
     let mut butterworth = ranked.clone();
     butterworth.scene.velocity = EstimatorName::Butterworth.defaults().into();
-    let mut search =
-        Search { how, scene: butterworth, done: || (), cutoffs: vec![], is_seeded: false };
+    let mut search = Search::new(how, butterworth, |_| ());
     let mut cutoffs_hz = ascending(&scene.scene.sweep.cutoffs_hz);
     cutoffs_hz.retain(|hz| search.is_allowed(*hz));
     search.walk(&cutoffs_hz)?;
@@ -263,11 +263,17 @@ struct Search<'a, D> {
     scene: NamedScene,
     done: D,
     cutoffs: Vec<CutoffResult>,
+    /// Number of walks that are planned so far.
+    planned: u64,
     /// Whether the grid begins at a wall of [`Self::first_walls`].
     is_seeded: bool,
 }
 
-impl<D: Fn() + Sync> Search<'_, D> {
+impl<'a, D: Fn(u64) + Sync> Search<'a, D> {
+    fn new(how: How<'a>, scene: NamedScene, done: D) -> Self {
+        Self { how, scene, done, cutoffs: vec![], planned: 0, is_seeded: false }
+    }
+
     fn run(&mut self, cutoffs_hz: &[f64], goes_on: bool) -> Result<Option<Recommended>, Error> {
         self.walk(cutoffs_hz)?;
         self.fit_grid(cutoffs_hz)?;
@@ -296,8 +302,9 @@ impl<D: Fn() + Sync> Search<'_, D> {
         let prepared = prepare(&self.scene)?;
         let filters = filters(&self.scene.scene.velocity, cutoffs_hz);
         let plan = Plan { name: &self.scene.name, prepared: &prepared, filters: &filters };
-        let done = &self.done;
-        let results = sweep(engine, &[plan], numeric, 1, stop, |_| done())?;
+        self.planned += filters.len() as u64;
+        let (done, planned) = (&self.done, self.planned);
+        let results = sweep(engine, &[plan], numeric, 1, stop, |_| done(planned))?;
         self.cutoffs.extend(results.into_iter().flat_map(|result| result.cutoffs));
         self.cutoffs.sort_by(|a, b| a.cutoff_hz.total_cmp(&b.cutoff_hz));
         Ok(())

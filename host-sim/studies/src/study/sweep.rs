@@ -212,8 +212,8 @@ impl SweepResult {
         let cut = self.cutoffs.iter().filter(within).filter(is_cut).count();
         (cut > 0).then(|| {
             format!(
-                "the ideal range rests on areas that are cut at caps of [walk], {cut} of its {inside} \
-                 cutoffs; raise the caps to see which of them is best"
+                "a cap of [walk] cuts {cut} of the {inside} areas of the ideal range; raise the caps to see \
+                 which cutoff is best"
             )
         })
     }

@@ -192,7 +192,7 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         None => add(
             "amplifier-1khz",
             Kind::LeftOut,
-            format!("an amplifier of {AMPLIFIER_HZ} Hz, none in the scene"),
+            format!("an amplifier of {AMPLIFIER_HZ} Hz (not in the scene)"),
             "what a real amplifier may take".into(),
             &|scene| scene.amplifier = Some(Amplifier { bandwidth_hz: AMPLIFIER_HZ }),
         ),
@@ -208,7 +208,7 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         None => add(
             "amplifier-cubic",
             Kind::LeftOut,
-            format!("{} % less force at full command, none in the scene", -100.0 * CUBIC),
+            format!("{} % less force at full command (not in the scene)", -100.0 * CUBIC),
             "what a motor that saturates may take".into(),
             &|scene| scene.amplifier_error = Some(AmplifierError { cubic: CUBIC }),
         ),
@@ -231,7 +231,7 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         None => add(
             "dac-12",
             Kind::LeftOut,
-            format!("an output of {DAC_BITS} bits, none in the scene"),
+            format!("an output of {DAC_BITS} bits (not in the scene)"),
             "what a DAC may take".into(),
             &|scene| scene.output = Some(Quantisation::Dac { bits: DAC_BITS }),
         ),
@@ -251,7 +251,7 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         None => add(
             "friction-1",
             Kind::LeftOut,
-            format!("dry friction of {}, none in the scene", units.said(dry_n, "N")),
+            format!("dry friction of {} (not in the scene)", units.said(dry_n, "N")),
             "what bearings may add".into(),
             &|scene| {
                 scene.friction = Some(Friction {
@@ -275,7 +275,7 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
             "cogging-1",
             Kind::LeftOut,
             format!(
-                "cogging of {} every {}, none in the scene",
+                "cogging of {} every {} (not in the scene)",
                 units.said(dry_n, "N"),
                 units.said(1e3 * PITCH_M, "mm")
             ),
@@ -298,7 +298,7 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         None => add(
             "backlash-100um",
             Kind::LeftOut,
-            format!("backlash of {}, none in the scene", units.said(1e6 * GAP_M, "um")),
+            format!("backlash of {} (not in the scene)", units.said(1e6 * GAP_M, "um")),
             "what gears may add before the second mass".into(),
             &|scene| {
                 scene.backlash = Some(Backlash { gap_m: GAP_M });

@@ -149,27 +149,30 @@ impl Explanation {
             let change = &one.change;
             let verdict = if self.is_better(one) { "yes" } else { "no" };
             Some(format!(
-                "Is it worth leaving {own}? {verdict}: {} has {times} times the area ({low} to {high}), {}",
+                "Is another estimator better than {own}? {verdict}: {} has {times} times the area ({low} to {high}); {}",
                 change.text.trim_start_matches("the best estimator, "),
                 change.cost
             ))
         });
-        let of = |one: &Explained| match one.change.kind {
-            ChangeKind::Nothing => format!("the scene ({})", digits(one.missed)),
-            _ => format!("{} ({})", one.change.text, digits(one.missed)),
+        let of = |one: &Explained| {
+            let what = match one.change.kind {
+                ChangeKind::Nothing => "the scene as it is",
+                _ => one.change.text.as_str(),
+            };
+            format!("{what}, {} %", digits(100.0 * one.missed))
         };
         let missed =
             [&self.base].into_iter().chain(&self.changes).filter(|one| one.missed > MISSED);
         let missed: Vec<String> = missed.map(of).collect();
         let missed = (!missed.is_empty()).then(|| {
             format!(
-                "Shares of the area that a search missed, found at another row's tuning: {}",
+                "The search missed the best tuning of these rows; the tuning of another row has more area by: {}",
                 missed.join("; ")
             )
         });
         [
             named(ChangeKind::Part, "Which part to buy?"),
-            named(ChangeKind::Firmware, "What can be had without a part?"),
+            named(ChangeKind::Firmware, "What helps without a new part?"),
             leaving,
             missed,
         ]

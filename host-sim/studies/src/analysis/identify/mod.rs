@@ -398,7 +398,7 @@ fn conclude(
     }
     if found.is_widened {
         warnings.push(
-            "a term beside those of the model cannot be told from none; the intervals hold what it would change".into(),
+            "a further term may act, which this record cannot tell from noise; the intervals are wide enough for it".into(),
         );
     }
     warnings.extend(of_residual(&residual, found.widening, search, model));

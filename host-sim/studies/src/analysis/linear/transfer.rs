@@ -254,6 +254,17 @@ mod tests {
     }
 
     #[test]
+    fn a_damped_second_order_is_half_power_at_its_true_cutoff() {
+        for (cutoff, quality) in [(1.0, 0.3), (100.0, 0.5), (1500.0, 0.55), (400.0, 2.0)] {
+            let design = ButterworthDesign::damped(cutoff, quality, 1e4).unwrap();
+            let filter = TransferFunction::from(LowPass::from(design));
+            let settings = VelocitySettings::SecondOrder { cutoff_hz: cutoff, quality };
+            let at = settings.true_cutoff_hz(1e4).unwrap();
+            assert!((power(&filter, at / 1e4) - 0.5).abs() < HALF_POWER_TOLERANCE, "{cutoff} {at}");
+        }
+    }
+
+    #[test]
     fn first_order_is_half_power_at_its_true_cutoff() {
         let first = |cutoff, prewarp| {
             TransferFunction::from(LowPass::from(FirstOrder::new(cutoff, 1e4, prewarp).unwrap()))
