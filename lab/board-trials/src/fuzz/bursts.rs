@@ -246,7 +246,11 @@ impl<'a> Host<'a> {
         self.begin(period, doing)?;
         self.wait(random.below(500))?;
         let lines = lines(random, self.device, doing);
-        let has_period = lines.iter().any(|line| line.contains("period"));
+        let has = |words: &[&str]| {
+            let is = |line: &String| words.iter().any(|word| line.to_lowercase().contains(word));
+            lines.iter().any(is)
+        };
+        let has_period = has(&["period", "load"]);
         let longest =
             if has_period { u64::from(PERIODS[PERIODS.len() - 1]) } else { period.into() };
         let reads = random.of(&READS);
@@ -263,7 +267,7 @@ impl<'a> Host<'a> {
             )),
             End::Interrupted => end,
         })?;
-        let saves = lines.iter().any(|line| line.contains("save"));
+        let saves = has(&["save"]);
         let due = if saves { 0 } else { self.samples / longest };
         rule(self.output_count() + 1 >= due, || {
             format!("{} outputs, {due} are due", self.output_count())
