@@ -60,6 +60,19 @@ enum Doing {
     Walk,
 }
 
+impl Doing {
+    /// A part of the reply to `status` then.
+    fn status(self) -> &'static str {
+        match self {
+            Self::Off | Self::Saving => "ok status off, fault none, idle",
+            Self::Armed => "ok status armed, fault none, idle",
+            Self::Contact => "in contact",
+            Self::Hit => "ok status armed, fault none, hit",
+            Self::Walk => "ok status armed, fault none, walk",
+        }
+    }
+}
+
 const DOING: [Doing; 6] =
     [Doing::Off, Doing::Saving, Doing::Armed, Doing::Contact, Doing::Hit, Doing::Walk];
 
@@ -216,6 +229,9 @@ impl<'a> Host<'a> {
                 self.wait(1_500)?;
             }
         }
+        let status = self.world.ask("status")?;
+        rule(status.contains(doing.status()), || format!("{doing:?}, but {status}"))
+            .map_err(End::Difference)?;
         let kept = (self.world.snapshot(), self.rules.clone(), self.actions.clone());
         self.kept.insert((period, doing), kept);
         Ok(())
