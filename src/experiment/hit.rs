@@ -19,7 +19,7 @@ pub struct HitSettings {
     pub settle_s: f64,
     /// Time over which the hit is judged, in s.
     pub window_s: f64,
-    /// Limit of the RMS, in m. A hit whose RMS is below it is `stable`.
+    /// Limit of the RMS, in m. A hit is `stable` if its RMS is below this limit.
     pub rms_limit_m: f64,
 }
 
@@ -53,7 +53,7 @@ pub struct HitPlan {
     pub settle: u32,
     /// Samples in the window.
     pub window: u32,
-    /// Limit of the RMS. A hit whose RMS is below it is `stable`.
+    /// Limit of the RMS. A hit is `stable` if its RMS is below this limit.
     pub limit: RmsLimit,
 }
 

@@ -51,7 +51,7 @@ pub struct DesignArgs {
     /// limit].
     #[arg(long, value_name = "PART", allow_negative_numbers = true)]
     mistuned: Option<f64>,
-    /// Who pushes, instead of the scene's pusher: motor, hand. With several, the worst is used.
+    /// Who pushes the handle: motor, hand. With several, the worst is used [default: as in the scene].
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = push)]
     push: Option<Vec<PushBy>>,
     /// Arms that hold the handle; the worst is used. Names in [arms.NAME] or of built-in models (heavy, light), `none`

@@ -1,4 +1,4 @@
-//! Tests how accurate and how probable walls are: `compare --usable`, `grid --impedance` and `--probability`.
+//! Tests the accuracy and the probability of walls: `compare --usable`, `grid --impedance` and `--probability`.
 
 use std::{fs, path::Path};
 

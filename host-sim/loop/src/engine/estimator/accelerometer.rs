@@ -166,7 +166,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(256))]
 
-        /// The readings agree to the last bit, before and after rounding to an LSB.
+        /// The lanes' readings equal those of a single sensor to the last bit, before and after rounding to an LSB.
         #[test]
         fn every_lane_reads_as_a_sensor_alone(
             (offset, step) in (-8.0..4.0f64, -6.0..1.0f64),

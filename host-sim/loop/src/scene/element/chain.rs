@@ -215,7 +215,7 @@ impl Chain {
         })
     }
 
-    /// The bodies' stiffness and damping as `M^-1/2 X M^-1/2`, in 1/s^2 and 1/s. The given stiffness and damping are
+    /// The stiffness matrix K as `M^-1/2 K M^-1/2`, in 1/s^2, and the damping matrix in the same form, in 1/s. The given stiffness and damping are
     /// added to the device. Rows of absent bodies are 0.
     pub fn per_mass(
         &self,

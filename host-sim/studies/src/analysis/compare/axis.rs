@@ -44,7 +44,7 @@ pub struct Axes {
     pub refused_beyond: [bool; 2],
     /// Lowest and highest value of the second parameter.
     pub second: Option<[f64; 2]>,
-    /// Whether the core refuses a second parameter outside of `second`.
+    /// Whether the core refuses a second parameter outside of the range [`second`](Self::second).
     pub second_refused_beyond: bool,
 }
 

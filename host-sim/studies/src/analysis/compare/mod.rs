@@ -360,7 +360,7 @@ pub fn compare(
     Ok((place, compared.into_iter().collect::<Result<_, _>>()?))
 }
 
-/// Settings at which the search starts. They use known values of the device, for example its mass for the observer.
+/// Settings at which the search starts. If an estimator has a model of the device, this model gets the scene's mass.
 pub fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
     let start = match entry {
         Entry::Tuned(name) => with_own_mass(name.defaults(), scene),

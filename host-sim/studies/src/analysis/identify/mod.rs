@@ -6,8 +6,9 @@
 //! ```
 //! Mass, damping, stiffness, rest position and the initial state of each record are fitted. If a second record has a
 //! known added mass, the gain is fitted too. The latency is fitted on request. A quantiser that rounds down has a mean
-//! error of half a count, which is corrected. The intervals include the rest of the quantiser's error (`residual`). A
-//! record without sufficient information is refused with the reason. `docs/identification.md` is the page for users.
+//! error of half a count, which is corrected. The intervals include what is left of this error
+//! (`residual`). A record without sufficient information is refused with the reason. `docs/identification.md` is the
+//! page for users.
 
 mod asked;
 mod checks;

@@ -92,7 +92,8 @@ impl Draws {
         self.devices.max(1) * self.starts
     }
 
-    /// Makes all draws. Starts are spread evenly over a count. Each device shifts its own starts.
+    /// Makes all draws. The start positions of the handle are spread evenly over one encoder count. Each device shifts its
+    /// own start positions.
     fn all(&self) -> Result<Vec<Drawn>, Error> {
         (0..u64::from(self.devices.max(1)))
             .into_par_iter()
