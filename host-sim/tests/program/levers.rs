@@ -45,7 +45,7 @@ fn a_device_in_other_loops_is_rows_by_what_is_between() {
         "output_period_samples",
         "between",
         "push",
-        "limit",
+        "limit_unit",
         "estimator",
         "area_n2_s_per_m2",
         "stiffness_step_n_per_m",
@@ -66,9 +66,9 @@ fn a_device_in_other_loops_is_rows_by_what_is_between() {
         };
         rows.iter().filter(same).map(|row| row[area].parse().unwrap()).fold(0.0, f64::max)
     };
-    let own = of(["my", "10", "as-is", "motor", "0.000001"]);
-    let sooner = of(["nucleo-f446re", "10", "as-is", "motor", "0.000001"]);
-    let slow = of(["nucleo-f446re", "10", "amplifier-and-mode", "motor", "0.000001"]);
+    let own = of(["my", "10", "as-is", "motor", "N"]);
+    let sooner = of(["nucleo-f446re", "10", "as-is", "motor", "N"]);
+    let slow = of(["nucleo-f446re", "10", "amplifier-and-mode", "motor", "N"]);
     assert!(own > 0.0 && sooner > 1.1 * own && slow < sooner, "{own} {sooner} {slow}");
     let steps: BTreeSet<&str> = rows.iter().map(|row| row[step]).collect();
     assert_eq!(steps, BTreeSet::from(["125"]), "halved once, for the steps of B");
