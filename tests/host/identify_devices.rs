@@ -524,6 +524,16 @@ fn holds(counts: &Counts) {
     assert!(4 * counts.answered >= 3 * counts.cases, "{counts:?}");
 }
 
+/// These devices move in one direction, at one voltage. There, dry friction has the same effect as another mass and
+/// damping.
+#[test]
+fn friction_that_no_record_can_show_is_inside_the_intervals() {
+    for seed in [118, 276] {
+        let counts = campaign(seed..seed + 1, true);
+        assert_eq!(counts.parameters[0], counts.parameters[1], "{seed}: {counts:?}");
+    }
+}
+
 #[test]
 fn a_few_random_devices_are_inside_their_intervals() {
     holds(&campaign(100..108, true));

@@ -40,10 +40,11 @@ const CURVE_LEAVES: f64 = 0.25;
 const SMALL_FORCE: f64 = 1e-4;
 /// Strides with which the search looks for cogging, in rows.
 const STRIDES_OF_COGS: [usize; 3] = [2, 8, 32];
-/// First change of a parameter along the profile of the likelihood, in half-widths.
-const PROFILE_FROM: f64 = 1.0;
-/// Largest number of times that the change [`PROFILE_FROM`] is doubled.
-const PROFILE_STEPS: usize = 10;
+/// Largest number of times that the change of a parameter along the profile of the likelihood is doubled.
+const PROFILE_STEPS: usize = 14;
+/// First change of a term that is not in the model, as a share of the largest force. The first change of a parameter of
+/// the model is a half-width.
+const SMALL_TERM: f64 = 1e-4;
 /// Number of starts from which a fit is made.
 const STARTS_TAKEN: usize = 3;
 /// Limit for the ratio of two missing forces. The second force is computed with twice the stride of the first. If
@@ -580,12 +581,21 @@ impl Search<'_> {
             let more = Layout { terms: term.add(layout.terms, true), ..layout };
             let by = self.problem(model.values().within(more)).by(term.parameter())?;
             let most = if term == Term::Offset { most_n } else { f64::INFINITY };
-            Some(Hidden { left: model.without(&by), by, most })
+            Some((term, Hidden { left: model.without(&by), by, most }))
         });
-        let hidden: Vec<Hidden> = hidden.collect();
+        let (terms, hidden): (Vec<Term>, Vec<Hidden>) = hidden.unzip();
         let given = (&model.weighed, &self.weighting);
         model.estimates =
             confidence::estimates(&model.solution, given, &hidden, self.records[0].stop)?;
+        if model.estimates.is_widened {
+            for (term, Hidden { most, .. }) in terms.into_iter().zip(hidden) {
+                let more = Layout { terms: term.add(layout.terms, true), ..layout };
+                let values = model.values().within(more);
+                let Some(place) = more.place(term.parameter()) else { continue };
+                let by = SMALL_TERM * self.force_n(&values);
+                self.profile(model, &values, (place, by, most));
+            }
+        }
         Ok(())
     }
 
@@ -598,33 +608,47 @@ impl Search<'_> {
             return;
         }
         let Some(place) = weakest(&model.solution.jacobian) else { return };
-        let Estimate { half_width, white_half_width, .. } = model.estimates.mass;
         let squares =
             model.squares() / (self.rows(model) - model.values().vector().len() as f64).max(1.0);
-        let quantile = confidence::quantile();
-        let room = squares * (quantile * half_width / white_half_width).powi(2);
-        let deviation = quantile * fit::deviation(&model.solution.jacobian, place) * squares.sqrt();
+        let deviation = fit::deviation(&model.solution.jacobian, place) * squares.sqrt();
+        let values = model.values().clone();
+        self.profile(model, &values, (place, confidence::quantile() * deviation, f64::INFINITY));
+    }
+
+    /// Changes the value at `place` in both directions, first by `by`, then by twice as much each time, and fits all
+    /// other values. Widens the intervals to contain all values that explain the record as well as the model. The
+    /// layout of `values` may have a term that the model lacks. The value changes by at most `most`.
+    fn profile(&self, model: &mut Model, values: &Values, (place, by, most): (usize, f64, f64)) {
+        let squares =
+            model.squares() / (self.rows(model) - model.values().vector().len() as f64).max(1.0);
+        let Estimate { half_width, white_half_width, .. } = model.estimates.mass;
+        let room = squares * (confidence::quantile() * half_width / white_half_width).powi(2);
         for side in [-1.0, 1.0] {
-            let mut at = model.values().clone();
-            let mut by = PROFILE_FROM * deviation;
+            let (mut at, mut last, mut next) = (values.clone(), 0.0, by);
             for _ in 0..PROFILE_STEPS {
-                let value = model.values().vector()[place] + side * by;
-                let Some((values, left)) = self.problem(at.clone()).beside(place, value, squares)
-                else {
+                // The fit begins on the line through the first and the last values. A start beside this line may be in
+                // another regime of friction.
+                let by = f64::min(next, most);
+                let mut start = at.clone();
+                if last > 0.0 {
+                    let begun = values.vector().iter().zip(start.slice_mut());
+                    begun.for_each(|(from, to)| *to = from + (*to - from) * by / last);
+                }
+                let value = values.vector()[place] + side * by;
+                let Some((found, left)) = self.problem(start).beside(place, value, squares) else {
                     break;
                 };
                 let more = left - model.squares();
                 if more.is_nan() || more >= room {
                     break;
                 }
-                at = values;
+                (at, last, next) = (found, by, 2.0 * by);
                 // The limit is between this step and the next.
-                if more > 0.5 * room {
+                if more > 0.5 * room || by >= most {
                     break;
                 }
-                by *= 2.0;
             }
-            if at != *model.values() {
+            if last > 0.0 {
                 model.estimates.reach(&model.solution.values, &at);
             }
         }
