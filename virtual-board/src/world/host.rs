@@ -1,5 +1,7 @@
 //! The host of the board. It reads the board's output and sends commands through the RTT channels.
 
+use zwidth::console::is_answer;
+
 use super::{Ended, World};
 use crate::board::Powered;
 
@@ -18,8 +20,7 @@ impl World<'_> {
         Ok(())
     }
 
-    /// Sends a line and returns its reply. The reply is the next line that begins with `ok` or `error`, except for
-    /// reports of experiments.
+    /// Sends a line and returns its reply. The reply is the next line for which [`is_answer`] holds.
     ///
     /// # Errors
     /// There was no reply within 0.1 s, or an error of [`sample`](Self::sample).
@@ -28,7 +29,7 @@ impl World<'_> {
         self.send(&format!("{line}\n"))?;
         loop {
             let reply = self.reply(1_000)?;
-            if reply.starts_with("ok") || reply.starts_with("error") {
+            if is_answer(&reply) {
                 return Ok(reply);
             }
         }
