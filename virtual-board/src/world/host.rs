@@ -1,9 +1,10 @@
 //! The host of the board. It reads the board's output and sends commands through the RTT channels.
 
-use zwidth::console::is_answer;
-
 use super::{Ended, World};
 use crate::board::Powered;
+
+/// The beginning of the line that counts unread replies.
+const UNREAD: &str = "error: nobody was reading";
 
 impl World<'_> {
     /// Reads the RTT channels.
@@ -20,7 +21,8 @@ impl World<'_> {
         Ok(())
     }
 
-    /// Sends a line and returns its reply. The reply is the next line for which [`is_answer`] holds.
+    /// Sends a line and returns the next line that begins with `ok` or `error`. This is its reply, or the report of an
+    /// experiment that it ends. The line that counts unread replies is left out.
     ///
     /// # Errors
     /// There was no reply within 0.1 s, or an error of [`sample`](Self::sample).
@@ -29,7 +31,8 @@ impl World<'_> {
         self.send(&format!("{line}\n"))?;
         loop {
             let reply = self.reply(1_000)?;
-            if is_answer(&reply) {
+            let is_said = reply.starts_with("ok") || reply.starts_with("error");
+            if is_said && !reply.starts_with(UNREAD) {
                 return Ok(reply);
             }
         }
