@@ -51,10 +51,13 @@ pub struct Rotary {
     /// Quantity that the command sets.
     pub drive: DriveKind,
     /// With `drive = "current"`: current per volt of command.
+    #[schemars(extend("x-needed" = true))]
     pub amplifier_a_per_v: Option<f64>,
     /// With `drive = "voltage"`: resistance of winding and amplifier.
+    #[schemars(extend("x-needed" = true))]
     pub resistance_ohm: Option<f64>,
     /// With `drive = "voltage"`: the largest voltage, in place of `actuator.limit_v`.
+    #[schemars(extend("x-needed" = true))]
     pub supply_v: Option<f64>,
 }
 

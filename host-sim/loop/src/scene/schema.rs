@@ -231,15 +231,13 @@ fn listed(schema: &Value, path: &str, with: &str, found: &mut Vec<Key>) {
             }
             _ => names.join(" "),
         };
+        // `x-needed` marks a key that one form of a table needs, if all forms have one type.
         let is_needed =
             schema["required"].as_array().is_some_and(|all| all.iter().any(|k| k == name));
         let absent = match key.get("default") {
             Some(Value::String(default)) => default.clone(),
             Some(default @ (Value::Number(_) | Value::Bool(_))) => default.to_string(),
-            // A table with `drive` has one type for both drives, so its type says that these keys are optional.
-            _ if is_needed || text(&key["description"]).starts_with("With `drive = ") => {
-                "needed".into()
-            }
+            _ if is_needed || key["x-needed"] == true => "needed".into(),
             _ => "optional".into(),
         };
         let meaning = format!("{with}{}", text(&key["description"]));
