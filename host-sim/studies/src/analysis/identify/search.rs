@@ -578,20 +578,19 @@ impl Search<'_> {
             if term.is_in(layout.terms) || !matches!(term, Term::Friction | Term::Offset) {
                 return None;
             }
-            let more = Layout { terms: term.add(layout.terms, true), ..layout };
-            let by = self.problem(model.values().within(more)).by(term.parameter())?;
+            let values =
+                model.values().within(Layout { terms: term.add(layout.terms, true), ..layout });
+            let place = values.layout().place(term.parameter())?;
+            let by = self.problem(values.clone()).by(term.parameter())?;
             let most = if term == Term::Offset { most_n } else { f64::INFINITY };
-            Some((term, Hidden { left: model.without(&by), by, most }))
+            Some(((values, place), Hidden { left: model.without(&by), by, most }))
         });
-        let (terms, hidden): (Vec<Term>, Vec<Hidden>) = hidden.unzip();
+        let (with, hidden): (Vec<(Values, usize)>, Vec<Hidden>) = hidden.unzip();
         let given = (&model.weighed, &self.weighting);
         model.estimates =
             confidence::estimates(&model.solution, given, &hidden, self.records[0].stop)?;
         if model.estimates.is_widened {
-            for (term, Hidden { most, .. }) in terms.into_iter().zip(hidden) {
-                let more = Layout { terms: term.add(layout.terms, true), ..layout };
-                let values = model.values().within(more);
-                let Some(place) = more.place(term.parameter()) else { continue };
+            for ((values, place), Hidden { most, .. }) in with.into_iter().zip(hidden) {
                 let by = SMALL_TERM * self.force_n(&values);
                 self.profile(model, &values, (place, by, most));
             }
@@ -608,19 +607,22 @@ impl Search<'_> {
             return;
         }
         let Some(place) = weakest(&model.solution.jacobian) else { return };
-        let squares =
-            model.squares() / (self.rows(model) - model.values().vector().len() as f64).max(1.0);
+        let squares = self.variance(model);
         let deviation = fit::deviation(&model.solution.jacobian, place) * squares.sqrt();
         let values = model.values().clone();
         self.profile(model, &values, (place, confidence::quantile() * deviation, f64::INFINITY));
+    }
+
+    /// Mean of the squares that the model leaves, over the degrees of freedom.
+    fn variance(&self, model: &Model) -> f64 {
+        model.squares() / (self.rows(model) - model.values().vector().len() as f64).max(1.0)
     }
 
     /// Changes the value at `place` in both directions, first by `by`, then by twice as much each time, and fits all
     /// other values. Widens the intervals to contain all values that explain the record as well as the model. The
     /// layout of `values` may have a term that the model lacks. The value changes by at most `most`.
     fn profile(&self, model: &mut Model, values: &Values, (place, by, most): (usize, f64, f64)) {
-        let squares =
-            model.squares() / (self.rows(model) - model.values().vector().len() as f64).max(1.0);
+        let squares = self.variance(model);
         let Estimate { half_width, white_half_width, .. } = model.estimates.mass;
         let room = squares * (confidence::quantile() * half_width / white_half_width).powi(2);
         for side in [-1.0, 1.0] {
