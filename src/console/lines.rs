@@ -4,6 +4,7 @@ use core::fmt;
 
 use super::{
     Decimal,
+    reply_channel::NOBODY,
     spoken::{Said, Spoken},
 };
 use crate::{
@@ -30,7 +31,7 @@ pub fn is_answer(line: &str) -> bool {
         return !reports(done, " ");
     }
     let refused = line.strip_prefix("error: ");
-    refused.is_some_and(|why| !reports(why, ": ") && !why.starts_with("nobody was reading"))
+    refused.is_some_and(|why| !reports(why, ": ") && !why.starts_with(NOBODY))
 }
 
 /// One hit and its verdict.

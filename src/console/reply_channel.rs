@@ -3,15 +3,20 @@
 //! If nobody reads, the last line waits until somebody reads. Until then only `stop` and `disarm` are obeyed. So
 //! nothing changes without an acknowledgement.
 
-use core::fmt::{self, Write as _};
+use core::{
+    fmt::{self, Write as _},
+    str::FromStr,
+};
 
 use super::{Port, REPLY_MAX, Text};
 
 /// Number of passes from one try to send a line to the next. The tries are rare, because a line on the log delays the
 /// task `render` a little.
 const PASSES: u8 = 32;
+/// How a refusal begins that answers no command, see [`Unread`].
+pub(super) const NOBODY: &str = "nobody was reading";
 
-/// Tells a host that reads again what happened while it did not read.
+/// Tells a host that reads again what happened while it did not read. [`FromStr`] reads the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unread {
     /// Number of commands that were ignored.
@@ -23,7 +28,22 @@ pub struct Unread {
 impl fmt::Display for Unread {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { ignored, lost } = self;
-        write!(f, "error: nobody was reading: {ignored} commands ignored, {lost} lines lost")
+        write!(f, "error: {NOBODY}: {ignored} commands ignored, {lost} lines lost")
+    }
+}
+
+impl FromStr for Unread {
+    type Err = ();
+
+    /// # Errors
+    /// The line is another line.
+    fn from_str(line: &str) -> Result<Self, ()> {
+        let told = line.strip_prefix("error: ").and_then(|line| line.strip_prefix(NOBODY));
+        let numbers = told.and_then(|told| told.strip_prefix(": ")?.strip_suffix(" lines lost"));
+        let numbers = numbers.and_then(|numbers| numbers.split_once(" commands ignored, "));
+        let (ignored, lost) = numbers.ok_or(())?;
+        let number = |digits: &str| digits.parse().map_err(|_| ());
+        Ok(Self { ignored: number(ignored)?, lost: number(lost)? })
     }
 }
 

@@ -108,12 +108,12 @@ impl Port for Channels {
 impl Channels {
     /// Tells a reader of `replies` how many lines he has missed, if any. Returns whether he knows it.
     fn tell_missed(&mut self) -> bool {
-        let mut told = Text::<96>::new();
-        let missed = Unread { ignored: 0, lost: self.missed };
-        if self.missed == 0
-            || writeln!(told, "{missed}").is_ok() && self.replies.write(told.as_str().as_bytes())
-        {
-            self.missed = 0;
+        if self.missed > 0 {
+            let mut told = Text::<96>::new();
+            let written = writeln!(told, "{}", Unread { ignored: 0, lost: self.missed });
+            if written.is_ok() && self.replies.write(told.as_str().as_bytes()) {
+                self.missed = 0;
+            }
         }
         self.missed == 0
     }

@@ -24,6 +24,8 @@ fn until_a_line_is_taken_no_command_is_obeyed_but_those_that_end_something() {
     assert!(said[0].starts_with("ok version"), "{said:?}");
     assert_eq!(said[1..], ["error: nobody was reading: 2 commands ignored, 3 lines lost"]);
     assert!(is_answer(&said[0]) && !is_answer(&said[1]));
+    assert_eq!(said[1].parse(), Ok(Unread { ignored: 2, lost: 3 }));
+    assert_eq!(said[0].parse::<Unread>(), Err(()));
     assert!(matches!(bench.orders("k 100"), Order::LoopParameters(..)));
 }
 

@@ -1,10 +1,10 @@
 //! The board when no host reads.
 
-use board_trials::fuzz::unread;
 use virtual_board::{
     board::{Board, NUCLEO_F446RE},
     world::World,
 };
+use zwidth::console::Unread;
 
 use crate::firmware::{Firmware, ok};
 
@@ -75,7 +75,7 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
     let last = in_log.max(replied).expect("no reply at all");
     let told = unread_of(&world.replies);
     println!("{}: up to k {last}, then {told:?}", board.name);
-    assert_eq!(told[0], u64::from(300 - last));
+    assert_eq!(told[0], 300 - last);
     assert!((20..300).contains(&last), "{last}");
     let settings = ok(&mut world, "get");
     assert!(settings.contains(&format!("k {last} ")), "{settings}");
@@ -101,16 +101,16 @@ fn who_reads_replies_late_is_told_how_many_are_missing(board: Board) {
     assert_eq!(world.lines.iter().filter(|line| line.contains("ok get ")).count(), 6);
     world.send("version\n").unwrap();
     world.run(200).unwrap();
-    let replies = world.replies.lines().filter(|line| line.starts_with("ok get ")).count() as u64;
+    let replies = world.replies.lines().filter(|line| line.starts_with("ok get ")).count() as u32;
     assert!(replies < 6, "{}", world.replies);
     assert_eq!(unread_of(&world.replies), [0, 6 - replies], "{}", world.replies);
     assert!(world.replies.lines().last().unwrap().starts_with("ok version"), "{}", world.replies);
 }
 
 /// Sums of ignored commands and lost lines that the board has told.
-fn unread_of(replies: &str) -> [u64; 2] {
-    let told = replies.lines().filter_map(unread);
-    told.fold([0, 0], |sums, told| [sums[0] + told.0, sums[1] + told.1])
+fn unread_of(replies: &str) -> [u32; 2] {
+    let told = replies.lines().filter_map(|line| line.parse().ok());
+    told.fold([0, 0], |sums, told: Unread| [sums[0] + told.ignored, sums[1] + told.lost])
 }
 
 /// If no host reads the lines of a walk, the walk ends after its present hit, since further results would be lost. A

@@ -1,10 +1,9 @@
 //! The host of the board. It reads the board's output and sends commands through the RTT channels.
 
+use zwidth::console::Unread;
+
 use super::{Ended, World};
 use crate::board::Powered;
-
-/// The beginning of the line that counts unread replies.
-const UNREAD: &str = "error: nobody was reading";
 
 impl World<'_> {
     /// Reads the RTT channels.
@@ -32,7 +31,7 @@ impl World<'_> {
         loop {
             let reply = self.reply(1_000)?;
             let is_said = reply.starts_with("ok") || reply.starts_with("error");
-            if is_said && !reply.starts_with(UNREAD) {
+            if is_said && reply.parse::<Unread>().is_err() {
                 return Ok(reply);
             }
         }

@@ -32,8 +32,8 @@ use crate::{
 
 /// Position of the wall, in m. The handle starts in front of it.
 const WALL_M: f64 = 0.005;
-/// Lines that let the board arm with the wall at [`WALL_M`]. The hit and the walk take longer than a burst.
-const SETUP: &str = "zero\nunlock envelope\nwall 0.005\nk 2000\nb 10\npush 1\nsettle 3\nwindow 2";
+/// Lines that let the board arm with a wall. The hit and the walk take longer than a burst.
+const SETUP: &str = "zero\nunlock envelope\nk 2000\nb 10\npush 1\nsettle 3\nwindow 2";
 /// Speed of the hand that moves the handle into the wall, in m/s, and the number of samples. It stops 0.2 mm behind the
 /// wall's face.
 const INTO_WALL: (f64, u64) = (0.052, 1_000);
@@ -209,7 +209,7 @@ impl<'a> Host<'a> {
             return Ok(());
         }
         self.restore(&self.start.clone());
-        self.act(&format!("{SETUP}\nperiod {period}"))?;
+        self.act(&format!("{SETUP}\nwall {WALL_M}\nperiod {period}"))?;
         if !matches!(doing, Doing::Off | Doing::Saving) {
             self.act("arm")?;
             self.wait(ARMS)?;

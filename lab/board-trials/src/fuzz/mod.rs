@@ -35,4 +35,3 @@ pub use bursts::{Row, bursts};
 pub use campaign::{Failure, Outcome, replay, script, sessions};
 pub use counts::Counts;
 pub use instants::{Sweep, Wrong, sweep};
-pub use properties::unread;

@@ -3,7 +3,7 @@
 
 use virtual_board::{board::Force as Wired, world::World};
 use zwidth::{
-    console::is_answer,
+    console::{Unread, is_answer},
     telemetry::{Decoder, Flags, Frame},
     units::Force,
 };
@@ -161,7 +161,8 @@ impl Properties {
     }
 
     fn reply(&mut self, line: &str, enabled: bool, counts: &mut Counts) -> Result<(), String> {
-        if let Some((ignored, lost)) = unread(line) {
+        if let Ok(Unread { ignored, lost }) = line.parse() {
+            let [ignored, lost] = [ignored, lost].map(u64::from);
             rule(self.is_late && ignored <= self.asked, || line.into())?;
             self.asked -= ignored;
             self.lost += lost;
@@ -237,11 +238,4 @@ pub fn output_code(world: &World<'_>) -> i32 {
         Wired::Pwm { .. } if sign == 0 => magnitude,
         Wired::Pwm { .. } => -magnitude,
     }
-}
-
-/// The numbers of ignored commands and lost lines, if the line tells them to a host that has read late.
-pub fn unread(line: &str) -> Option<(u64, u64)> {
-    let numbers = line.strip_prefix("error: nobody was reading: ")?.strip_suffix(" lines lost")?;
-    let (ignored, lost) = numbers.split_once(" commands ignored, ")?;
-    Some((ignored.parse().ok()?, lost.parse().ok()?))
 }
