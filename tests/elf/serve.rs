@@ -83,11 +83,14 @@ fn three_ports_are_a_board() {
     assert!(second.read(&mut [0; 64]).is_err(), "two owners");
     drop(link);
     let mut commands = TcpStream::connect(("127.0.0.1", server.port)).unwrap();
-    second.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+    second.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
     let (mut text, mut bytes) = (String::new(), [0; 64]);
+    let end = Instant::now() + Duration::from_secs(60);
     while !text.contains("ok version") && !text.contains("ok zwidth") {
+        assert!(Instant::now() < end, "{text}");
         commands.write_all(b"version\n").unwrap();
-        let count = second.read(&mut bytes).unwrap();
+        // The first reply can go to the first client, if the port of the replies still serves it.
+        let count = second.read(&mut bytes).unwrap_or(0);
         text.push_str(&String::from_utf8_lossy(&bytes[..count]));
     }
 }
