@@ -66,6 +66,6 @@ pub fn run(
     let results = to.finish(&Manifest::new(command, scene))?;
     let json = Json { scene: &scene.name, areas: study.areas(), notes: &study.notes };
     print_of(common.json, &scene.scene, json, || {
-        format!("{}: {}\n  {results}", scene.name, peers::text(&study))
+        format!("{}: {}\n  {results}", scene.name, peers::text(&study, scene.scene.units))
     })
 }

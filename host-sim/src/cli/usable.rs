@@ -71,6 +71,6 @@ pub fn run(
     let results = to.finish(&Manifest::new(command, scene))?;
     let json = Json { scene: &scene.name, areas: study.areas() };
     print_of(common.json, &scene.scene, json, || {
-        format!("{}: {}\n  {results}", scene.name, report::text(&study))
+        format!("{}: {}\n  {results}", scene.name, report::text(&study, scene.scene.units))
     })
 }

@@ -8,8 +8,8 @@ use zwidth::{device::designs::DESIGNS_MAX, velocity::Biquad};
 
 use super::{
     Cells, area_cells, csv_of,
-    figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, trade},
-    limits::millions,
+    figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, scaled_unit, trade},
+    limits::{area_text, areas_in},
     version,
 };
 use crate::{
@@ -20,7 +20,7 @@ use crate::{
             shape::{Second, Shape},
         },
     },
-    scene::{Scene, VelocityTable},
+    scene::{Scene, Units, VelocityTable},
     study::boundary::Boundaries,
 };
 
@@ -241,10 +241,15 @@ impl Designs {
         }))
     }
 
+    /// The units of the scene. All conditions have the same device.
+    fn units(&self) -> Units {
+        self.0.question.conditions[0].scene.units
+    }
+
     fn describe(&self, filter: &Designed) -> String {
         format!(
-            "area {} x 10^6 N^2 s/m^2, {:.2} times the best Butterworth filter's, gain peak {:.1} dB, in the worst of: {}",
-            millions(filter.area()),
+            "area {}, {:.2} times the best Butterworth filter's, gain peak {:.1} dB, in the worst of: {}",
+            self.units().said(filter.area(), "N^2 s/m^2"),
             filter.worth,
             filter.gain_peak_db,
             self.0
@@ -275,23 +280,25 @@ impl Designs {
 
     pub fn text(&self) -> String {
         let conditions = &self.0.question.conditions;
+        let units = self.units();
+        let (area_unit, _) = areas_in(units);
         let mut text = format!(
-            "the best of {} tried filters, by area in the worst of {} condition{}\n  areas in 10^6 N^2 s/m^2, walks for each: \
+            "the best of {} tried filters, by area in the worst of {} condition{}\n  areas in {area_unit}, walks for each: \
              {}; x butter.: area divided by that of the best Butterworth filter",
             self.0.tried.len(),
             conditions.len(),
             if conditions.len() == 1 { "" } else { "s" },
             self.0.question.repeats
         );
-        text += "\n         area    x butter. peak dB  lead ms  rough mN mistuned      f Hz damping    lead_s    zero";
+        text += "\n         area    x butter. peak dB  lead ms     rough mistuned      f Hz damping    lead_s    zero";
         for (place, filter) in self.0.filters.iter().enumerate() {
             let shape = &filter.shape;
-            let rough = filter.roughness_n.map_or("-".into(), |n| format!("{:.0}", 1e3 * n));
+            let rough = filter.roughness_n.map_or("-".into(), |n| units.said(n, "N"));
             let _ = write!(
                 text,
                 "\n  {:>2} {:>8} {:>12.2} {:>7.1} {:>8.3} {:>9} {:>6.0} %  {:>8} {:>7} {:>9} {:>7}",
                 place + 1,
-                millions(filter.area()),
+                area_text(filter.area(), units),
                 filter.worth,
                 filter.gain_peak_db,
                 1e3 * shape.led_s(),
@@ -303,14 +310,14 @@ impl Designs {
                 shape.zero
             );
         }
-        let rough =
-            self.0.reference_roughness_n.map_or("-".into(), |n| format!("{:.0} mN", 1e3 * n));
+        let rough = self.0.reference_roughness_n.map_or("-".into(), |n| units.said(n, "N"));
         let _ = write!(
             text,
             "\n  peak: largest ratio of estimated to true velocity; lead: of the velocity of a slow motion, negative if it is \
-             late\n  rough: RMS of the force above 100 Hz at K = {:.0} N/m, B = {} N s/m in the first condition; butterworth \
+             late\n  rough: RMS of the force above 100 Hz at K = {}, B = {} in the first condition; butterworth \
              {rough}\n  mistuned: area that is left in the worst case if frequency or damping is off by a factor of {MISTUNED_BY}",
-            self.0.wall.stiffness_n_per_m, self.0.wall.damping_n_s_per_m
+            units.said(self.0.wall.stiffness_n_per_m, "N/m"),
+            units.said(self.0.wall.damping_n_s_per_m, "N s/m")
         );
         for (n, condition) in conditions.iter().enumerate() {
             let reference = &self.0.references[n];
@@ -318,13 +325,13 @@ impl Designs {
                 text,
                 "\n  {}: butterworth {} at {} Hz; filters",
                 condition.name,
-                millions(reference.boundaries.area()),
+                area_text(reference.boundaries.area(), units),
                 reference.cutoff_hz
             );
             for filter in &self.0.filters {
                 let boundaries = &filter.boundaries[n];
                 let cut = if boundaries.capped() > 0 { ">" } else { "" };
-                let _ = write!(text, " {cut}{}", millions(boundaries.area()));
+                let _ = write!(text, " {cut}{}", area_text(boundaries.area(), units));
             }
         }
         if let Some(best) = self.0.filters.first() {
@@ -356,13 +363,19 @@ impl Designs {
     /// Three plots of the area. Their x axes are the gain peak, the roughness, and the loss of a mistuned filter.
     pub fn figure(&self, scene: &str) -> Result<Figure, FigureError> {
         type Value = fn(&Designed) -> f64;
-        let values: [(&str, f64, Value); 4] = [
-            ("gain peak, dB", 0.1, |filter| filter.gain_peak_db),
-            ("force above 100 Hz, mN", 1.0, |filter| {
-                filter.roughness_n.map_or(f64::INFINITY, |n| 1e3 * n)
+        let (of_force, force_factor) = self.units().written("N");
+        let (of_area, area_factor) = self.units().written("N² s/m²");
+        let areas = self.0.filters.iter().map(|filter| area_factor * filter.area());
+        let (power, of_area) = scaled_unit(areas.fold(0.0, f64::max), of_area);
+        let force = format!("force above 100 Hz, m{of_force}");
+        // Name of the axis, its lowest value, what a value is multiplied by.
+        let values: [(&str, f64, f64, Value); 4] = [
+            ("gain peak, dB", 0.1, 1.0, |filter| filter.gain_peak_db),
+            (&force, force_factor, 1e3 * force_factor, |filter| {
+                filter.roughness_n.unwrap_or(f64::INFINITY)
             }),
-            ("area lost when mistuned, %", 0.1, |filter| 100.0 * (1.0 - filter.mistuned_share)),
-            ("1 ms + delay, ms", 0.001, |filter| 1.0 - 1e3 * filter.shape.led_s()),
+            ("area lost when mistuned, %", 0.1, 100.0, |filter| 1.0 - filter.mistuned_share),
+            ("1 ms + delay, ms", 0.001, 1e3, |filter| 1e-3 - filter.shape.led_s()),
         ];
         let series = self.0.filters.iter().enumerate().map(|(place, filter)| TradeSeries {
             name: format!("{}: {:.1} dB", place + 1, filter.gain_peak_db),
@@ -370,17 +383,19 @@ impl Designs {
             mark: Mark::Circle,
             points: values
                 .iter()
-                .map(|(_, _, value)| vec![[filter.area() / 1e6, value(filter)]])
+                .map(|(_, _, times, value)| {
+                    vec![[area_factor * filter.area() / power, times * value(filter)]]
+                })
                 .collect(),
         });
         trade(&TradePlot {
             title: format!("Designed filters, {scene}"),
             subtitle: "the best below each gain peak; lower is better in every panel".into(),
             legend: "Filter".into(),
-            x_title: "area, 10\u{2076} N\u{b2} s/m\u{b2}".into(),
+            x_title: format!("area, {of_area}"),
             panels: values
                 .iter()
-                .map(|(name, floor, _)| TradePanel::new("", *name, *floor))
+                .map(|(name, floor, ..)| TradePanel::new("", *name, *floor))
                 .collect(),
             series: series.collect(),
             lines: false,

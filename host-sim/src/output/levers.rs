@@ -10,12 +10,12 @@ use super::{
     Cells, area_cells, csv_of,
     figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, trade},
     ideal_cells,
-    limits::{limit_cells, millions, name, range, walk_cells},
+    limits::{area_text, areas_in, limit_cells, name_in, range, walk_cells},
     reach_cells, version,
 };
 use crate::{
     notation::three_digits,
-    scene::{PushBy, Scene},
+    scene::{PushBy, Scene, Units},
     study::{
         levers::{Between, Lever, LeverQuestion, LeverResult, Walked},
         limits::Limit,
@@ -48,19 +48,6 @@ pub struct LeverSummary {
     stiffness_peak_n_per_m: f64,
     is_capped: bool,
     true_velocity_area_n2_s_per_m2: Option<f64>,
-}
-
-/// A stiffness as text: `10 MN/m`, `230 kN/m`, `45 N/m`.
-fn stiffness(n_per_m: f64) -> String {
-    let (scaled, unit) = match n_per_m {
-        k if k >= 1e6 => (k / 1e6, "MN/m"),
-        k if k >= 1e3 => (k / 1e3, "kN/m"),
-        k => (k, "N/m"),
-    };
-    format!(
-        "{} {unit}",
-        if scaled >= 99.5 { format!("{scaled:.0}") } else { format!("{scaled:.2}") }
-    )
 }
 
 /// Cells that give the output period and the latency of a loop.
@@ -150,9 +137,10 @@ impl LeverStudy {
     /// The tables for people, one for each limit and push. After the tables, a sentence says what limits the scene's
     /// walls first.
     pub fn text(&self) -> String {
-        let mut text = String::from(
-            "when the loop acts: area at the ideal cutoff, 10^6 N^2 s/m^2, and in brackets the ideal range, Hz\n  period: \
-             samples per output; >: a cap of the walk cuts the area",
+        let mut text = format!(
+            "when the loop acts: area at the ideal cutoff, {}, and in brackets the ideal range, Hz\n  period: samples per \
+             output; >: a cap of the walk cuts the area",
+            areas_in(self.question.units()).0
         );
         for &limit in &self.question.limits {
             for &push in &self.question.pushes {
@@ -163,10 +151,11 @@ impl LeverStudy {
     }
 
     fn table(&self, text: &mut String, limit: Limit, push: PushBy) {
+        let units = self.question.units();
         let _ = write!(
             text,
             "\n  limit {}, the {} pushes\n  {:<16} {:>6}",
-            name(limit),
+            name_in(limit, units),
             push.name(),
             "loop",
             "period"
@@ -193,10 +182,11 @@ impl LeverStudy {
                 self.of(self.question.levers.iter().position(is_it)?, limit, push)
             };
             for between in Between::ALL {
-                let cell = of_row(between).map_or(String::new(), cell);
+                let cell = of_row(between).map_or(String::new(), |result| cell(result, units));
                 let _ = write!(text, "  {cell:>24}");
             }
-            let told = of_row(Between::Nothing).map_or(String::new(), |result| area(&result.told));
+            let told =
+                of_row(Between::Nothing).map_or(String::new(), |result| area(&result.told, units));
             let _ = write!(text, "  {told:>13}");
         }
         if let Some(sentence) = self.sentence(limit, push) {
@@ -208,13 +198,14 @@ impl LeverStudy {
     pub fn sentence(&self, limit: Limit, push: PushBy) -> Option<String> {
         let own = self.of(0, limit, push)?;
         let scene = &self.question.levers[0].scene;
+        let units = scene.units;
         let base = own.best()?;
         let area_of = base.boundaries.area();
         let mut text = format!(
             "as it is: area {} at {} Hz, up to {}. Times this area with a perfect velocity {}",
-            area(base),
+            area(base, units),
             own.sweep.ideal?.cutoff_hz,
-            stiffness(peak(base)),
+            units.said(peak(base), "N/m"),
             three_digits(own.told.boundaries.area() / area_of)
         );
         let period = scene.actuator.period;
@@ -295,10 +286,11 @@ impl LeverStudy {
         push: PushBy,
         x_of: impl Fn(&Lever) -> Option<f64>,
     ) -> TradeSeries {
+        let (_, factor) = self.question.units().written("N² s/m²");
         let points = |&limit: &Limit| -> Vec<[f64; 2]> {
             let of_it = self.results.iter().filter(|r| (r.limit, r.push) == (limit, push));
             let mut points: Vec<[f64; 2]> = of_it
-                .filter_map(|r| Some([x_of(self.lever(r))?, r.area()]))
+                .filter_map(|r| Some([x_of(self.lever(r))?, factor * r.area()]))
                 .filter(|[_, area]| *area > 0.0)
                 .collect();
             points.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -320,8 +312,11 @@ impl LeverStudy {
         if series.iter().flat_map(|series| &series.points).all(Vec::is_empty) {
             return Ok(None);
         }
+        let units = self.question.units();
+        let (unit, factor) = units.written("N² s/m²");
         let panel = |limit: &Limit| {
-            TradePanel::new(format!("Limit {}", name(*limit)), "Area [N² s/m²]", 1.0)
+            let title = format!("Limit {}", name_in(*limit, units));
+            TradePanel::new(title, format!("Area [{unit}]"), factor)
         };
         trade(&TradePlot {
             title: format!("{title}, {scene}"),
@@ -336,14 +331,14 @@ impl LeverStudy {
     }
 }
 
-fn area(walked: &Walked) -> String {
+fn area(walked: &Walked, units: Units) -> String {
     let cut = if walked.boundaries.capped() > 0 { ">" } else { "" };
-    format!("{cut}{}", millions(walked.boundaries.area()))
+    format!("{cut}{}", area_text(walked.boundaries.area(), units))
 }
 
 /// Area at the ideal cutoff and the range of this cutoff, as text.
-pub(super) fn cell(result: &LeverResult) -> String {
+pub(super) fn cell(result: &LeverResult, units: Units) -> String {
     let Some(ideal) = result.sweep.ideal else { return "no stable wall".into() };
-    let area = result.best().map_or(String::new(), area);
+    let area = result.best().map_or(String::new(), |best| area(best, units));
     format!("{area} ({})", range(ideal.range_hz))
 }

@@ -284,7 +284,7 @@ pub(super) fn range([low, high]: [f64; 2]) -> String {
     if low == high { low.to_string() } else { format!("{low} to {high}") }
 }
 
-/// An area in 10^6 N^2 s/m^2, with three digits.
-pub(super) fn millions(area: f64) -> String {
-    three_digits(area / MILLION)
+/// An area in the unit that [`areas_in`] gives.
+pub(super) fn area_text(area: f64, units: Units) -> String {
+    three_digits(area * areas_in(units).1)
 }

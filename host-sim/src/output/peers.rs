@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{
-    limits::{grid_text, millions, name},
+    limits::{area_text, areas_in, grid_text, name_in},
     versioned,
 };
 use crate::{analysis::compare::peers::PeerStudy, scene::Units};
@@ -12,12 +12,13 @@ pub fn csv(study: &PeerStudy) -> String {
     versioned(study.table()).csv()
 }
 
-pub fn text(study: &PeerStudy) -> String {
+pub fn text(study: &PeerStudy, units: Units) -> String {
     let mut text = format!(
-        "area by limit of the motion, 10^6 N^2 s/m^2, and its share of the area with the true velocity; >: a cap of the walk \
+        "area by limit of the motion, {}, and its share of the area with the true velocity; >: a cap of the walk \
          cuts the area\n  untuned defaults; walks for each area: {}; {}",
+        areas_in(units).0,
         study.question.repeats,
-        grid_text(&study.question.walk, Units::Linear)
+        grid_text(&study.question.walk, units)
     );
     let width = study.rows.iter().map(|row| row.name.len()).max().unwrap_or(0);
     for (place, (loop_name, scene)) in study.question.loops.iter().enumerate() {
@@ -30,7 +31,7 @@ pub fn text(study: &PeerStudy) -> String {
             ""
         );
         for limit in &study.question.limits {
-            let _ = write!(text, "  {:>14}", name(*limit));
+            let _ = write!(text, "  {:>14}", name_in(*limit, units));
         }
         for row in study.rows.iter().filter(|row| row.of_loop == place) {
             let _ = write!(text, "\n  {:width$}", row.name);
@@ -39,7 +40,8 @@ pub fn text(study: &PeerStudy) -> String {
                 let cut = if a.boundaries().capped() > 0 { ">" } else { "" };
                 let share = a.share_of_true_velocity().unwrap_or_default() * 100.0;
                 let digits = usize::from(share < 9.95);
-                let cell = format!("{cut}{} {share:5.digits$} %", millions(a.boundaries().area()));
+                let cell =
+                    format!("{cut}{} {share:5.digits$} %", area_text(a.boundaries().area(), units));
                 let _ = write!(text, "  {cell:>14}");
             }
         }

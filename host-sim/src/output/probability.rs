@@ -7,10 +7,10 @@ use serde::Serialize;
 use super::{
     SCHEMA_VERSION,
     figure::{Curve, Figure, FigureError, ZwidthPlot, zwidth},
-    limits::millions,
+    limits::{area_text, areas_in},
 };
 use crate::{
-    scene::NamedScene,
+    scene::{NamedScene, Units},
     study::{
         boundary::BoundaryPoint,
         envelope::{Envelope, Interval},
@@ -25,8 +25,8 @@ use crate::{
 const SHARES: [f64; 3] = [0.05, 0.5, 0.95];
 
 /// The confidence interval of the area in the worst 5 % of the draws, as text for people.
-fn interval(c: &CutoffProbability) -> String {
-    let end = |end: Option<f64>| end.map_or_else(|| "?".to_owned(), millions);
+fn interval(c: &CutoffProbability, units: Units) -> String {
+    let end = |end: Option<f64>| end.map_or_else(|| "?".to_owned(), |area| area_text(area, units));
     match [c.area_5_percent_low_n2_s_per_m2, c.area_5_percent_high_n2_s_per_m2] {
         [None, None] => String::new(),
         [low, high] => format!("{} to {}", end(low), end(high)),
@@ -219,11 +219,12 @@ impl ProbabilityStudy {
         zwidth(&ZwidthPlot { units, title, subtitle, legend, marked: "ideal", curves }).map(Some)
     }
 
-    pub fn text(&self) -> String {
+    pub fn text(&self, units: Units) -> String {
         let summary = self.summary();
         let mut text = format!(
-            "how sure: integral of the share of {} draws that hold, and areas of the draws, 10^6 N^2 s/m^2; > cut at a cap",
-            summary.draws
+            "how sure: integral of the share of {} draws that hold, and areas of the draws, {}; > cut at a cap",
+            summary.draws,
+            areas_in(units).0
         );
         text += "\n  cutoff Hz   integral      5 %  95 % interval     50 %     95 %    best   ideal  undecided";
         for c in &summary.cutoffs {
@@ -232,11 +233,11 @@ impl ProbabilityStudy {
                 text,
                 "\n  {:>9} {:>10} {:>8} {:>14} {:>8} {:>8} {:>5.0} % {:>5.0} % {:>8.0} %",
                 c.cutoff_hz,
-                format!("{cut}{}", millions(c.area_n2_s_per_m2)),
-                millions(c.area_5_percent_n2_s_per_m2),
-                interval(c),
-                millions(c.area_50_percent_n2_s_per_m2),
-                millions(c.area_95_percent_n2_s_per_m2),
+                format!("{cut}{}", area_text(c.area_n2_s_per_m2, units)),
+                area_text(c.area_5_percent_n2_s_per_m2, units),
+                interval(c, units),
+                area_text(c.area_50_percent_n2_s_per_m2, units),
+                area_text(c.area_95_percent_n2_s_per_m2, units),
                 100.0 * c.best_share,
                 100.0 * c.ideal_share,
                 100.0 * c.undecided_share

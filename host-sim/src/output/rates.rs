@@ -8,7 +8,7 @@ use sim_studies::table::Cell;
 use super::{
     figure::{Figure, FigureError, Mark},
     levers::{LeverStudy, actuator_cells, cell},
-    limits::name,
+    limits::{areas_in, name_in},
 };
 use crate::{
     scene::Scene,
@@ -84,11 +84,12 @@ impl RateStudy {
     /// The tables for people, one for each limit and push.
     pub fn text(&self) -> String {
         let [encoder, output] = [0, 1].map(|which| axis(&self.0, which));
-        let mut text = String::from(
-            "encoder rate (rows) and output rate: area at the ideal cutoff, 10^6 N^2 s/m^2, with the ideal range in Hz; \
-             > cut at a cap",
-        );
         let question = &self.0.question;
+        let units = question.units();
+        let mut text = format!(
+            "encoder rate (rows) and output rate: area at the ideal cutoff, {}, with the ideal range in Hz; > cut at a cap",
+            areas_in(units).0
+        );
         let situations = question
             .limits
             .iter()
@@ -97,7 +98,7 @@ impl RateStudy {
             let _ = write!(
                 text,
                 "\n  limit {}, the {} pushes\n  {:>10}",
-                name(limit),
+                name_in(limit, units),
                 push.name(),
                 "Hz"
             );
@@ -111,7 +112,8 @@ impl RateStudy {
                         self.of(result) == [encoder, output]
                             && (result.limit, result.push) == (limit, push)
                     });
-                    let _ = write!(text, "  {:>24}", it.map_or(String::new(), cell));
+                    let _ =
+                        write!(text, "  {:>24}", it.map_or(String::new(), |it| cell(it, units)));
                 }
             }
         }

@@ -471,7 +471,7 @@ impl Study {
             self.limits.as_ref().map(|limits| ("Limits", limits.text(self.scene.scene.units))),
             self.levers.as_ref().map(|levers| ("When the loop acts", levers.text())),
             self.rates.as_ref().map(|rates| ("Encoder rate and output rate", rates.text())),
-            self.probability.as_ref().map(|sure| ("How sure", sure.text())),
+            self.probability.as_ref().map(|sure| ("How sure", sure.text(self.scene.scene.units))),
         ]
         .into_iter()
         .flatten()

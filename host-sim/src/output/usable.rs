@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::{
     figure::{Curve, Figure, FigureError, ZwidthPlot, zwidth},
-    limits::millions,
+    limits::{area_text, areas_in},
     versioned,
 };
 use crate::{
@@ -12,7 +12,7 @@ use crate::{
         Entry,
         usable::{Usable, UsableStudy, parameters},
     },
-    scene::NamedScene,
+    scene::{NamedScene, Units},
 };
 
 pub fn csv(study: &UsableStudy) -> String {
@@ -45,23 +45,32 @@ pub fn figure(study: &UsableStudy, scene: &NamedScene) -> Result<Figure, FigureE
     })
 }
 
-pub fn text(study: &UsableStudy) -> String {
+pub fn text(study: &UsableStudy, units: Units) -> String {
+    let (stiffness_unit, stiffness_factor) = match units {
+        Units::Linear => ("kN/m", 1e-3),
+        Units::Rotary { .. } => units.written("N/m"),
+    };
     let mut text = format!(
-        "usable area, 10^6 N^2 s/m^2: walls that are stable and rendered as commanded; {} walks each, > cut at a cap",
+        "usable area, {}: walls that are stable and rendered as commanded; {} walks each, > cut at a cap",
+        areas_in(units).0,
         study.question.budget.repeats
     );
     for &limit in &study.question.limits {
         let _ = write!(text, "\n  within {}", name(limit));
-        text += "\n                                 area     stable   K, kN/m  error, %  tuning";
+        let _ = write!(
+            text,
+            "\n                                 area     stable  {:>8}  error, %  tuning",
+            format!("K, {stiffness_unit}")
+        );
         for (place, usable) in (1..).zip(study.ranked(limit)) {
             let cut = if usable.boundaries.capped() > 0 { ">" } else { "" };
             let _ = write!(
                 text,
                 "\n  {place:>2}. {:20} {:>10} {:>10} {:>9.1} {:>9.2}  {}",
                 usable.entry.name(),
-                format!("{cut}{}", millions(usable.area())),
-                millions(usable.boundaries.area()),
-                usable.stiffness_peak_n_per_m / 1e3,
+                format!("{cut}{}", area_text(usable.area(), units)),
+                area_text(usable.boundaries.area(), units),
+                usable.stiffness_peak_n_per_m * stiffness_factor,
                 100.0 * usable.error_mean,
                 tuning(usable)
             );

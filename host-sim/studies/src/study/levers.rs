@@ -24,7 +24,7 @@ use super::{
 use crate::{
     error::Error,
     scene::{
-        NamedScene, PushBy, RmsOf, Scene, Walk,
+        NamedScene, PushBy, RmsOf, Scene, Units, Walk,
         element::{Amplifier, Mode},
     },
 };
@@ -96,6 +96,11 @@ pub struct LeverQuestion {
 }
 
 impl LeverQuestion {
+    /// The units of the scene, which is the first loop. The other loops have the same units.
+    pub fn units(&self) -> Units {
+        self.levers[0].scene.units
+    }
+
     /// Number of combinations of loop, limit and push.
     pub fn tasks(&self) -> usize {
         self.levers.len() * self.limits.len() * self.pushes.len()
