@@ -2,6 +2,7 @@
 
 import atexit
 import contextlib
+import csv
 import os
 import shutil
 import signal
@@ -25,6 +26,13 @@ def run(*words, folder=ROOT, **more):
     if done.returncode:
         raise SystemExit(f"error: {' '.join(map(str, words))}: ended with {done.returncode}\n{done.stdout}")
     return done.stdout
+
+
+def listed(name):
+    """The rows of a list of .ci; one with the word BOARD stands for each board."""
+    with (ROOT / ".ci" / name).open(newline="") as file:
+        return [{key: cell.replace("BOARD", board) for key, cell in row.items()} for row in csv.DictReader(file)
+                for board in (BOARDS if "BOARD" in row["command"] else [""])]
 
 
 def sysroot(folder=ROOT):
