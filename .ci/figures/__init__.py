@@ -15,5 +15,5 @@ def block(*head, right=()):
 
 
 from . import (  # noqa: E402,F401
-    commands, criteria, design, devices, estimators, firmware, measured, simulator, studies, sure, trade,
+    commands, criteria, design, devices, estimators, firmware, simulator, studies, sure, templates, trade,
 )

@@ -42,15 +42,6 @@ def design_two():
             yield encoder, text, *(cell(best_below(name, peak)) for peak in (3, 6, math.inf))
 
 
-@block("gain peak, dB", "area, 10^6 N^2 s/m^2", "times Butterworth's", "delay, ms", "force above 100 Hz, mN", "left when mistuned",
-       "`frequency_hz`", "`damping`", "`lead_s`", "`zero`")
-def design_front(name):
-    for r in rows(f"design-{name}.csv"):
-        yield (number(r["gain_peak_db"], 1), design_area(r), f"{float(r['times_butterworth']):.2f}", number(1e3 * float(r["delay_s"]), 3),
-               number(1e3 * float(r["roughness_n"]), 0) if r["roughness_n"] else "-", f"{100 * float(r['mistuned_share']):.0f} %",
-               *(f"{float(r[key]):g}" for key in ("frequency_hz", "damping", "lead_s", "zero")))
-
-
 @block()
 def design_six():
     conditions, filters = "design-paper-1um-six-conditions.csv", rows("design-paper-1um-six.csv")
@@ -97,9 +88,3 @@ def held_designs():
         best = best_below(name, peak)
         yield (f"`{LONG[f'design-{name}'][0]}`", "no limit" if peak == math.inf else f"{peak} dB", least, design_area(best),
                "yes" if float(best["area_n2_s_per_m2"]) >= least * 1e6 else "**no**")
-
-
-@block("command", "processor time, s", "half, s")
-def held_times():
-    for r in rows("command-times.csv"):
-        yield f"`{r['command']}`", round(float(r["cpu_s"])), round(float(r["cpu_s"]) / 2)

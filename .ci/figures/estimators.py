@@ -6,9 +6,7 @@ import functools
 import math
 
 from . import block
-from .source import (
-    LONG, ROOT, area_of, grouped, long, m, mega, number, row, rows, rows_of, said, said_in, significant,
-)
+from .source import LONG, ROOT, long, number, row, rows, rows_of, said, said_in, significant
 
 FUSION = "compare-paper-1um-accelerometer.csv"
 
@@ -49,6 +47,16 @@ def tuned(r):
 def share(r):
     """Of the area that the true velocity has, %; an estimator that is told a force can have more."""
     return significant(100 * float(r["share_of_true_velocity"]), 2)
+
+
+def percent(r):
+    """The same as a whole number, where it is not too small for that."""
+    share = 100 * float(r["share_of_true_velocity"])
+    return f"{share:.{0 if share >= 9.95 else 1}f}"
+
+
+def tuning_hz(r):
+    return f"{float(r['tuning']):.0f} Hz" if r["tuning_unit"] == "Hz" else ""
 
 
 def true_area(file):
@@ -160,11 +168,6 @@ def comparison_limits(column, scale, digits):
         yield "the true velocity", *(f"{true_area(file):.{digits}f}" for file in AT_LIMIT.values())
 
 
-@block("limit of the RMS, um", "butterworth's best cutoff, Hz")
-def comparison_cutoffs():
-    return [[um, f(row(file, estimator="butterworth"), "tuning")] for um, file in AT_LIMIT.items()]
-
-
 @block("estimator", "1 Hz", "10 Hz", "50 Hz", "100 Hz")
 def comparison_frequencies():
     def mean(name, part=""):
@@ -268,74 +271,3 @@ def ranked_counts():
     for name in of["emps"]:
         yield f"`{name}`", *cells("emps", name), *cells("qube", name)
     yield "rank correlation of both errors", "", "", correlation("emps"), "", "", correlation("qube")
-
-
-# Velocity estimators
-@block("estimator", "cycles, at most", "mean at the default", "state and coefficients, bytes")
-def estimator_costs():
-    for r in rows("host-sim/data/estimator_cost.csv"):
-        yield f"`{r['estimator']}`", *(m(f"elf/estimator_cost/{r['estimator']}/{key}") for key in ("most", "mean")), r["ram_bytes"]
-
-
-# Defaults of other systems
-PEERS = "peers-paper-1um.csv"
-PEER_LIMITS = {15e-6: "15 um", 5e-6: "5 um", 2e-6: "2 um", 1e-6: "1 um", 0.0: "felt, 0 dB"}
-
-
-# What a row is, for who reads the table once. The program's names do not say which of a system's rows it ships.
-PEER_LABELS = {
-    "chai3d": "CHAI3D", "force-dimension": "Force Dimension SDK", "simplefoc": "SimpleFOC", "hapkit": "Hapkit",
-    **{f"openffboard-{hertz}": f"OpenFFBoard, {hertz} Hz" for hertz in (40, 70, 120, 180)},
-    "odrive": "in no product: ODrive's loop, a sample late", "odrive-exact": "ODrive",
-    "moteus": "in no product: integral of moteus's old loop, a sample late",
-    "moteus-exact": "moteus until June 2025", "moteus-2025": "moteus since June 2025",
-    "butterworth-500": "zwidth's filter at 500 Hz", "butterworth-1500": "zwidth's filter at 1500 Hz",
-    "true-velocity": "the exact velocity",
-}
-NO_PRODUCT = ("odrive", "moteus")
-
-
-def peer(name):
-    return f"{PEER_LABELS[name]} (`{name}`)"
-
-
-def by_peer(loop):
-    """The rows of a loop, by estimator and limit."""
-    found = grouped(rows_of(PEERS, loop=loop), "estimator")
-    return {name: {float(r["limit"]): r for r in limits} for (name,), limits in found.items()}
-
-
-@block("estimator", *PEER_LIMITS.values())
-def peers(loop):
-    for name, found in by_peer(loop).items():
-        shares = {limit: 100 * float(found[limit]["share_of_true_velocity"]) for limit in PEER_LIMITS}
-        yield peer(name), *(f"{area_of(found[limit])} ({share:.{0 if share >= 9.95 else 1}f} %)" for limit, share in shares.items())
-
-
-@block("row", "what it does", "where that stands")
-def peers_sources():
-    of = {r["estimator"]: r for r in rows(PEERS)}
-    return [[peer(name), r["does"], r["source"]] for name, r in of.items() if r["source"]]
-
-
-@block("velocity by default", *(f"{loop}, {by}" for by in ("quiet", "15 um") for loop in ("paper's loop", "board")))
-def peers_quiet(shown="all"):
-    """Quiet walls first, then the paper's criterion; `products` leaves out what no product has."""
-    quiet = {(r["loop"], r["estimator"]): area_of(r) for r in rows("peers-paper-1um-quiet.csv")}
-    loops = ("paper-1um", "nucleo-f446re")
-    by_limit = [by_peer(loop) for loop in loops]
-    for name in by_limit[0]:
-        if shown == "products" and name in NO_PRODUCT:
-            continue
-        yield peer(name), *(quiet[loop, name] for loop in loops), *(area_of(found[name][15e-6]) for found in by_limit)
-
-
-@block("estimator", *(f"{loop}: {text}" for loop in ("paper's loop", "board")
-                       for text in ("quiet", "of the true velocity's", "by 15 um", "at")))
-def comparison_quiet():
-    def cells(r):
-        return (mega(r["area_n2_s_per_m2"]), f"{100 * float(r['share_of_true_velocity']):.0f} %", mega(r["scene_area_n2_s_per_m2"]),
-                f"{float(r['tuning']):.0f} Hz" if r["tuning_unit"] == "Hz" else "")
-
-    for r in sorted(rows("compare-paper-1um-quiet.csv"), key=lambda r: float(r["area_n2_s_per_m2"]), reverse=True):
-        yield f"`{r['estimator']}`", *cells(r), *cells(row("compare-nucleo-f446re-quiet.csv", estimator=r["estimator"]))

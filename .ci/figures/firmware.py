@@ -1,8 +1,8 @@
 """The firmware and faults: what tests have measured on the virtual board, and stored campaigns."""
 
 from . import block
-from .measured import filled
-from .source import BOARDS, CLASSES, ENDS, grouped, m, measured, ms, power, rows, value
+from .source import BOARDS, CLASSES, grouped, m, measured, ms, power, rows, value
+from .templates import filled
 
 
 @block("period, samples", "cycles allowed", "refused", "the longest that is allowed", "`sample` with it, at most")
@@ -109,30 +109,7 @@ def campaign_nothing():
         yield name, ", ".join(s for s in SITUATIONS if s in classes), ", ".join(sorted(set().union(*classes.values())))
 
 
-def share_of(row, name):
-    """An interval of it, %."""
-    return f"{100 * float(row[f'{name}_low']):.2f} to {100 * float(row[f'{name}_high']):.2f}"
-
-
 ENDED = ["no effect", "bounded", "off in time", "off late", "unnoticed"]
-
-
-@block("board", "part", "flips", *ENDED, "unnoticed, %, 95 %")
-def campaign_random():
-    for row in rows("campaign-random.csv"):
-        counts = [int(row[name]) for name in CLASSES]
-        yield row["board"], row["region"].replace("_", " "), sum(counts), *counts, share_of(row, "unnoticed")
-
-
-@block("board", "part", "flips", "found by the check, force right", "found by the check, force wrong before", "off by something else",
-       "force wrong for longer than a pass", "unnoticed", "wrong before, %, 95 %", "force wrong, ms, at most", "speed, m/s, at most",
-       "off after, ms, at most")
-def campaign_image():
-    """How flips in the program in flash ended."""
-    for row in rows("campaign-image.csv"):
-        ends = [int(row[name]) for name in ENDS]
-        yield (row["board"], row["part"], sum(ends), *ends, share_of(row, "wrong"), f"{float(row['wrong_s']) * 1e3:.0f}",
-               f"{float(row['speed_m_per_s']):.3f}", f"{float(row['off_s']) * 1e3:.0f}")
 
 
 @block("set by", "flips", *ENDED)

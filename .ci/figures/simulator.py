@@ -73,17 +73,6 @@ def make_periods():
     return body
 
 
-@block("loop", "samples an output", "dial in", "as good", "stiffest wall", "area, 10^6 N^2 s/m^2", "amplifier of 1 kHz",
-       "and a transmission of 150 Hz")
-def criteria_periods():
-    """Three stored rows make one: as it is, with an amplifier, with that and a transmission."""
-    found = iter(rows("periods-quiet.csv"))
-    for r in found:
-        yield [r["loop"], r["period"], f"**{float(r['cutoff_hz']):g} Hz**", f"{hz_range([r['low_hz'], r['high_hz']])} Hz",
-               f"{float(r['stiffness_n_per_m']) / 1e3:g} kN/m", mega(r["area_n2_s_per_m2"]),
-               *(f"{mega(r['area_n2_s_per_m2'])} ({float(r['cutoff_hz']):g} Hz)" for r in (next(found), next(found)))]
-
-
 @long("elements-cost")
 def make_elements():
     """Quiet walls with a gap in the transmission, and with a force that is not proportional to the command."""
@@ -99,14 +88,6 @@ def make_elements():
             found = sim("walk SCENE.toml --cutoff 500 --criterion quiet", hit_by(scene, f'push_by = "{push}"') + tables)
             body.append({"element": element, "push": push, **{key: found[key] for key in ("area_n2_s_per_m2", "stiffness_peak_n_per_m")}})
     return body
-
-
-@block("element", *(f"{push}: {what}" for push in ("motor's push", "hand's push") for what in ("area, 10^6 N^2 s/m^2", "peak K, kN/m")))
-def elements_cost():
-    by = {}
-    for r in rows("elements-cost.csv"):
-        by.setdefault(r["element"], [r["element"]]).extend([mega(r["area_n2_s_per_m2"]), f"{float(r['stiffness_peak_n_per_m']) / 1e3:g}"])
-    return by.values()
 
 
 @block("scene", "force below, of the push", "amplifier", "dial in", "as good", "stiffest wall", "area, 10^6 N^2 s/m^2")

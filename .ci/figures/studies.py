@@ -7,8 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from . import block
-from .source import long, programs, rows, significant
+from .source import long, programs
 
 # Of hits, by cutoffs, K and B. The walls are spread over the same ranges, so that as many of them are stable.
 SIZES = {10**3: (10, 10, 10), 10**4: (10, 40, 25), 10**5: (10, 100, 100), 10**6: (10, 400, 250)}
@@ -42,10 +41,3 @@ dampings = {spread(dampings, 0, 300)}
     if seconds > ALLOWED_S:
         raise SystemExit(f"error: {hits} hits took {seconds:.0f} s, {ALLOWED_S} are allowed")
     return body
-
-
-@block("hits", "time, s", "processor time of a hit, µs", "bytes of a hit")
-def study_hits():
-    for r in rows("hits.csv"):
-        hits, seconds, busy_s, size = (float(r[key]) for key in ("hits", "seconds", "busy_s", "bytes"))
-        yield f"{hits:,.0f}", significant(seconds, 2), significant(1e6 * busy_s / hits, 3), significant(size / hits, 3)

@@ -2,9 +2,7 @@
 
 from . import block
 from .simulator import by_damping
-from .source import area_of, mega, number, row, rows_of, said_in, significant, table
-
-LIMITS = ("", "20", "10", "5")
+from .source import mega, number, said_in, table
 
 
 @block()
@@ -12,16 +10,6 @@ def theory_port():
     by = by_damping("paper-1um --cutoffs 1500 --dampings 1,2,3,4 --passivity")
     return table(["B, N s/m", *(f"{b:g}" for b in by)],
                  [["passive up to, N/m", *(number(r["stiffness_passive_n_per_m"], 0) for r in by.values())]])
-
-
-@block("estimator", *(f"within {limit} %" if limit else "any error" for limit in LIMITS), "peak K, any error, kN/m",
-       "mean error of those walls, %")
-def comparison_usable(name):
-    found = f"usable-{name}.csv"
-    for r in sorted(rows_of(found, within_percent=""), key=lambda r: int(r["place"])):
-        walls = [row(found, estimator=r["estimator"], within_percent=limit) for limit in LIMITS]
-        yield (f"`{r['estimator']}`", *(f"{area_of(wall)} ({wall['place']}.)" for wall in walls),
-               number(float(r["stiffness_peak_n_per_m"]) / 1e3, 1), significant(100 * float(r["impedance_error_mean"]), 2))
 
 
 SURE = {"paper-1um": "probability-paper-1um.json", "paper-2um": "probability-paper-2um.json",

@@ -1,0 +1,121 @@
+"""The tables of measured.md and stored.md, which stand there as the pages show them, with places for figures."""
+
+import fnmatch
+import math
+import re
+from pathlib import Path
+
+from . import BLOCKS, criteria, design, estimators
+from .source import BOARDS, area_of, grouped, lit, ms, number, power, rows, significant, value
+
+FILES = [Path(__file__).with_name(name) for name in ("measured.md", "stored.md")]
+SECTION = re.compile(r"(?m)^## (.+)\n\n((?:\w+: .*\n)*)\n?((?:\|.*\n)+)")
+PLACE = re.compile(r"\{([^{}]+?)((?: x[\d.e-]+| /[\w.]+)*)(?: ([.spg])(\d?)| (ms|w))?(?: else (\S+))?\}")
+OF_BOARDS = re.compile(r"(?m)(?:^.*BOARD.*\n)+")
+# What a row is in words, by the name that a place has for it.
+WORDS = {
+    "area": area_of, "area_3": design.design_area, "area_at": criteria.area_at, "area_if_ideal": criteria.area_if_ideal,
+    "change": lambda r: r["what"].replace(";", ","), "limit_name": criteria.limit_name, "percent": estimators.percent,
+    "rank": lambda r: "" if r["rank"] == "0" else r["rank"], "times_range": criteria.times_range, "tuned": estimators.tuned,
+    "tuning_hz": estimators.tuning_hz, "who": criteria.who_feels, "who_or_none": lambda r: criteria.who_feels(r, "none"),
+}
+
+
+def meets(r, condition):
+    """`COLUMN=VALUE`, `COLUMN!=VALUE`, or `ideal`: at the ideal cutoff."""
+    if condition == "ideal":
+        return r["cutoff_hz"] == r["ideal_cutoff_hz"]
+    column, differs, wanted = re.fullmatch(r"(\w+)(!?)=(.*)", condition).groups()
+    try:
+        alike = math.isclose(float(r[column]), float(wanted), rel_tol=1e-9)
+    except ValueError:
+        alike = r[column] == wanted
+    return alike != bool(differs)
+
+
+def chosen(found, conditions):
+    return [r for r in found if all(meets(r, condition) for condition in conditions)]
+
+
+def largest(name):
+    """Of the figures that a name with * stands for."""
+    return max(map(value, fnmatch.filter((row["figure"] for row in rows("measured.csv")), name) or [name]))
+
+
+def figure(place, group):
+    """What stands in that place of a table; `group` are the rows that its line is about, the first one before others."""
+    name, scales, form, digits, word, none = place.groups()
+    conditions, _, key = name.rpartition(": ")
+    conditions = conditions.split(", ") if conditions else []
+    if conditions and conditions[0].endswith(".csv"):
+        group = rows(conditions.pop(0))
+    if not (found := chosen(group, conditions) or ("/" in key and [{}])):
+        raise SystemExit(f"error: .ci/figures/stored.md: no row for {place[0]}")
+    r = found[0]
+    if key in WORDS:
+        return WORDS[key](r)
+    write = {None: number, "ms": ms, "w": lambda text: text.replace("_", " "), ".": number, "s": significant, "p": power,
+             "g": (lambda value: number(f"{value:.{digits}g}")) if digits else "{:g}".format}[word or form]
+    more = [int(digits)] if form in (".", "s", "p") else []
+
+    def written(number):
+        for scale in scales.split():
+            by = float(r[scale[1:]] if scale[1:] in r else scale[1:])
+            number = float(number) * by if scale[0] == "x" else float(number) / by
+        return write(number if word == "w" else float(number), *more)
+
+    def one(key):
+        if constant := re.fullmatch(r"(\S+\.(?:rs|toml)) (\w+)", key):
+            return written(lit(constant[1], rf"(?m)\b{constant[2]}(?:: f64)? = ([\d.]+)"))
+        if "/" in key:
+            return written(largest(key))
+        if key in r:
+            return written(r[key]) if r[key] else none or ""
+        return written(sum(float(r[column]) for column in key.split("+")))
+
+    return " to ".join(dict.fromkeys(map(one, key.split(" to "))))
+
+
+def filled(text, group=()):
+    text = OF_BOARDS.sub(lambda found: "".join(found[0].replace("BOARD", board) for board in BOARDS), text)
+    return PLACE.sub(lambda place: figure(place, group), text)
+
+
+def exchanged(text, words):
+    """With these values for words in capitals."""
+    return re.sub(r"\b[A-Z_]{3,}\b", lambda found: words.get(found[0], found[0]), text)
+
+
+def groups(told):
+    """The rows of each line of a table that is made of stored rows; for another one no rows, once."""
+    if "rows" not in told:
+        return [[]]
+    found = chosen(rows(told["rows"]), told["where"].split(", ") if "where" in told else [])
+    if "order" in told:
+        column = told["order"].removeprefix("falling ")
+        found = sorted(found, key=lambda r: float(r[column]), reverse=column != told["order"])
+    return list(grouped(found, *told["by"].split(", ")).values()) if "by" in told else [[r] for r in found]
+
+
+def block(heading, settings, lines):
+    name, *parameters = heading.split()
+
+    def make(*arguments):
+        head, lines_of = [], []
+        told = dict(line.split(": ", 1) for line in exchanged(settings, dict(zip(parameters, arguments))).splitlines())
+        names, _, values = told.pop("each", "").partition(" in ")
+        for each in values.split(", "):
+            words = dict(zip(names.split(), each.split(" "))) | dict(zip(parameters, arguments))
+            for group in groups({key: exchanged(text, words) for key, text in told.items()}):
+                texts = {column.upper(): text for column, text in group[0].items()} if group else {}
+                made = filled(exchanged(lines, texts | words), group).splitlines()
+                head = head or made[:2]
+                lines_of += made[2:]
+        return head + lines_of
+
+    BLOCKS[name] = make
+
+
+for file in FILES:
+    for section in SECTION.findall(file.read_text()):
+        block(*section)
