@@ -121,14 +121,6 @@ def devices_estimated():
         yield f"`{scene}`", ", ".join(f"`{key}`" for key in keys) or "none"
 
 
-@block("B, N s/m", "largest K predicted, N/m", "largest K on the board, N/m")
-def tutorial_walk():
-    predicted, found = ({float(r["damping_n_s_per_m"]): r["stiffness_n_per_m"] for r in rows(f"tutorial-{kind}.csv")}
-                        for kind in ("predicted", "measured"))
-    for b in sorted(predicted | found):
-        yield number(b), number(predicted.get(b, 0)), number(found.get(b, 0))
-
-
 @long("tutorial")
 def timed_tutorial():
     """The tutorial's commands, typed as they stand, with nothing built before."""

@@ -5,7 +5,7 @@ import math
 import re
 from pathlib import Path
 
-from . import BLOCKS, criteria, design, estimators
+from . import BLOCKS, criteria, design, estimators, trade
 from .source import BOARDS, area_of, grouped, lit, ms, number, power, rows, significant, value
 
 FILES = [Path(__file__).with_name(name) for name in ("measured.md", "stored.md")]
@@ -14,27 +14,35 @@ PLACE = re.compile(r"\{([^{}]+?)((?: x[\d.e-]+| /[\w.]+)*)(?: ([.spg])(\d?)| (ms
 OF_BOARDS = re.compile(r"(?m)(?:^.*BOARD.*\n)+")
 # What a row is in words, by the name that a place has for it.
 WORDS = {
-    "area": area_of, "area_3": design.design_area, "area_at": criteria.area_at, "area_if_ideal": criteria.area_if_ideal,
+    "area": area_of, "area_3": design.design_area, "area_3_and_delay": design.area_and_delay, "area_at": criteria.area_at, "area_if_ideal": criteria.area_if_ideal,
     "change": lambda r: r["what"].replace(";", ","), "limit_name": criteria.limit_name, "percent": estimators.percent,
-    "rank": lambda r: "" if r["rank"] == "0" else r["rank"], "times_range": criteria.times_range, "tuned": estimators.tuned,
+    "rank": lambda r: "" if r["rank"] == "0" else r["rank"], "times_range": criteria.times_range, "response": trade.response, "tuned": estimators.tuned,
     "tuning_hz": estimators.tuning_hz, "who": criteria.who_feels, "who_or_none": lambda r: criteria.who_feels(r, "none"),
 }
 
 
 def meets(r, condition):
-    """`COLUMN=VALUE`, `COLUMN!=VALUE`, or `ideal`: at the ideal cutoff."""
+    """`COLUMN=VALUE`, with != <= >= too, or `ideal`: at the ideal cutoff."""
     if condition == "ideal":
         return r["cutoff_hz"] == r["ideal_cutoff_hz"]
-    column, differs, wanted = re.fullmatch(r"(\w+)(!?)=(.*)", condition).groups()
+    column, how, wanted = re.fullmatch(r"(\w+)(=|!=|<=|>=)(.*)", condition).groups()
+    if how in ("<=", ">="):
+        return float(r[column]) <= float(wanted) if how == "<=" else float(r[column]) >= float(wanted)
     try:
         alike = math.isclose(float(r[column]), float(wanted), rel_tol=1e-9)
     except ValueError:
         alike = r[column] == wanted
-    return alike != bool(differs)
+    return alike == (how == "=")
 
 
 def chosen(found, conditions):
-    return [r for r in found if all(meets(r, condition) for condition in conditions)]
+    """The rows that meet these; `most COLUMN` is the one of them that has the most there."""
+    for condition in conditions:
+        if condition.startswith("most "):
+            found = sorted(found, key=lambda r: float(r[condition[5:]]))[-1:]
+        else:
+            found = [r for r in found if meets(r, condition)]
+    return found
 
 
 def largest(name):
@@ -49,8 +57,11 @@ def figure(place, group):
     conditions = conditions.split(", ") if conditions else []
     if conditions and conditions[0].endswith(".csv"):
         group = rows(conditions.pop(0))
-    if not (found := chosen(group, conditions) or ("/" in key and [{}])):
+    found = chosen(group, conditions) or ("/" in key and [{}])
+    if not found and none is None:
         raise SystemExit(f"error: .ci/figures/stored.md: no row for {place[0]}")
+    if not found or key.startswith("'"):
+        return key.strip("'") if found else none.strip("'")
     r = found[0]
     if key in WORDS:
         return WORDS[key](r)
@@ -70,7 +81,7 @@ def figure(place, group):
         if "/" in key:
             return written(largest(key))
         if key in r:
-            return written(r[key]) if r[key] else none or ""
+            return written(r[key]) if r[key] else (none or "").strip("'")
         return written(sum(float(r[column]) for column in key.split("+")))
 
     return " to ".join(dict.fromkeys(map(one, key.split(" to "))))
@@ -83,7 +94,7 @@ def filled(text, group=()):
 
 def exchanged(text, words):
     """With these values for words in capitals."""
-    return re.sub(r"\b[A-Z_]{3,}\b", lambda found: words.get(found[0], found[0]), text)
+    return re.sub(r"(?<![A-Za-z_])[A-Z_]{3,}(?![A-Z_])", lambda found: words.get(found[0], found[0]), text)
 
 
 def groups(told):
@@ -104,8 +115,8 @@ def block(heading, settings, lines):
         head, lines_of = [], []
         told = dict(line.split(": ", 1) for line in exchanged(settings, dict(zip(parameters, arguments))).splitlines())
         names, _, values = told.pop("each", "").partition(" in ")
-        for each in values.split(", "):
-            words = dict(zip(names.split(), each.split(" "))) | dict(zip(parameters, arguments))
+        for each in values.split("; "):
+            words = dict(zip(names.split(" / "), each.split(" / "))) | dict(zip(parameters, arguments))
             for group in groups({key: exchanged(text, words) for key, text in told.items()}):
                 texts = {column.upper(): text for column, text in group[0].items()} if group else {}
                 made = filled(exchanged(lines, texts | words), group).splitlines()

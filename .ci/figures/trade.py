@@ -3,37 +3,21 @@
 import math
 
 from . import block
-from .source import number, power, row, rows, said_in, significant, table
+from .source import number, power, rows, said_in, significant, table
 
-FORMS = {"direct-1": "direct 1", "direct-2t": "transposed direct 2", "state-variable": "state-variable", "delta": "delta"}
-FORMATS = {
-    "i32-feedback": "i32, i64 sums, error feedback (the core)", "i32": "i32, i64 sums", "q15-feedback": "Q15, error feedback",
-    "q15": "Q15", "f32": "f32", "f64": "f64", "idsp-dither": "idsp 0.23.1, first-order feedback", "idsp-wide": "idsp, wide state",
-    "cmsis-q31": "CMSIS-DSP Q31", "cmsis-32x64": "CMSIS-DSP Q31, 32x64",
-}
+def response(r):
+    """What a filter gets wrong, %, or why there is none."""
+    return r["refused"] or (significant(100 * float(r["response_error"]), 2) if r["response_error"] else "-")
 
 
 @block("format", "form", "cycles", "bytes", "would do, Hz", "misses just below")
 def trade_filters():
-    before = None
+    names, before = {r["name"]: r["text"] for r in rows("filter-names.csv")}, None
     for one in said_in("trade-paper-1um.json")["filters"]:
         good, why = one["would_do_hz"], "refused" if one["refused_below"] else ", ".join(one["missed_below"])
-        yield ("" if one["format"] == before else FORMATS[one["format"]], FORMS[one["form"]],
+        yield ("" if one["format"] == before else names[one["format"]], names[one["form"]],
                number(one["cycles"]), number(one["ram_bytes"]), f"{good[0]:g} to {good[1]:g}" if good else "none", why)
         before = one["format"]
-
-
-@block("filter", "response off by, %", "-3 dB frequency off by, %", "drift in 10^6 samples, counts", "bias at constant speed, mm/s",
-       "left after a stop, mm/s", "area changes by, %")
-def trade_at(cutoff_hz, *variants):
-    """What some filters get wrong at one cutoff."""
-    scales = {"response_error": 100, "cutoff_error": 100, "drift_counts": 1, "bias_m_per_s": 1e3, "limit_cycle_m_per_s": 1e3,
-              "area_change": 100}
-    for variant in variants:
-        format_, form = variant.split("/")
-        r = row("trade-filters-paper-1um.csv", format=format_, form=form, cutoff_hz=cutoff_hz)
-        cells = (significant(float(r[key]) * scale, 2) if r[key] else "-" for key, scale in scales.items())
-        yield f"{FORMATS[format_]}, {FORMS[form]}", *([r["refused"], "", "", "", "", ""] if r["refused"] else cells)
 
 
 METHODS = {"exact": "exact", "semi-implicit-euler": "semi-implicit Euler", "rk4": "RK4", "dormand-prince": "Dormand-Prince"}
