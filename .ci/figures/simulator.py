@@ -23,14 +23,6 @@ def dial_in(result):
             mega(found["area_n2_s_per_m2"])]
 
 
-@block("loop, encoder", "dial in", "as good", "stiffest wall", "by the paper's criterion, its range")
-def readme_study():
-    for name, encoder in [("paper-1um", "the paper's, 1 um"), ("paper-2um", "the paper's, 2 um"),
-                          ("nucleo-f446re", "NUCLEO-F446RE, 1 um")]:
-        result = study(name)
-        yield encoder, *dial_in(result)[:3], f"{result['ideal_cutoff_hz']:g} Hz, {hz_range(result['ideal_cutoff_range_hz'])} Hz"
-
-
 @block()
 def readme_sweep():
     """What the terminal says at the end."""
@@ -136,65 +128,15 @@ def encoders():
         yield r["device"], r["encoder"], f"**{float(r['cutoff_hz']):g} Hz**", f"{hz_range([r['low_hz'], r['high_hz']])} Hz", *wall
 
 
-@block("scene", "cutoff", "B", "constant push, K", "press", "taps", "hand")
-def quiet_protocols():
-    """The stiffest quiet wall of ready scenes, tried in other ways."""
-    for name in ("paper-1um", "paper-2um", "nucleo-f446re", "discovery-f407"):
-        found = study(f"{name} --repeat 1")["recommended"]
-        held = {row["protocol"]: row["stiffness_n_per_m"] for row in found["protocols"]}
-        walls = [found["stiffness_n_per_m"], *(held[protocol] for protocol in ("press", "taps", "hand"))]
-        yield (name, f"{found['cutoff_hz']:g} Hz", f"{found['damping_n_s_per_m']:g} N s/m",
-               *("none" if wall is None else f"{significant(wall / 1e3, 2)} kN/m" for wall in walls))
-
-
-@block("choice", "1 um encoder", "2 um encoder")
-def device_choices():
-    """Each cell a sweep of its own, or a variant of `--sensitivity`."""
-    devices = ["paper-1um", "paper-2um"]
-    studies = [study(f"{name} --sensitivity") for name in devices]
-
-    def cell(result, last=4000.0):
-        low, high = result["ideal_cutoff_range_hz"]
-        return (f"{low:g}" if low == high else hz_range((low, high))) + (" (the highest that was tried)" if high == last else "")
-
-    def variant(name):
-        return [cell(next(v for v in found["sensitivity"] if v["name"] == name)) for found in studies]
-
-    def own(arguments, scenes):
-        found = [study(f"SCENE.toml {arguments}", scene) for scene in scenes]
-        return [cell(result, result["cutoffs"][-1]["cutoff_hz"]) for result in found]
-
-    fine = [scene_of(name, stiffness_step_n_per_m=500, damping_step_n_s_per_m=5, rms_limit_m="1e-6") for name in devices]
-    return [
-        ["**the paper**, simulated (its Figure 7)", "no gain above 2000", "1700"],
-        ["**the paper**, measured (its Figure 8)", "no gain above 2000", "1500"],
-        ["**quiet walls**, to be dialled in", *(hz_range(found["recommended"]["range_hz"]) for found in studies)],
-        ["as the paper: RMS limit 15 um, latency 10 samples, push by the motor, wall that never pulls", *map(cell, studies)],
-        ["RMS limit 30 um", *variant("rms_limit_double")],
-        ["RMS limit 5 um", *variant("rms_limit_third")],
-        ["RMS limit 1 um, steps of 500 N/m and 5 N s/m, `--cutoffs 100:100:1000`", *own("--cutoffs 100:100:1000", fine)],
-        ["a hand pushes, with a constant force of the same 2.835 N",
-         *own("", [hit_by(scene_of(name), 'push_by = "hand"') for name in devices])],
-        ["latency 5 samples", *variant("latency_half")],
-        ["latency 20 samples", *variant("latency_double")],
-        ["an output every 5 samples", *variant("output_rate_double")],
-        ["the wall may pull", *variant("push_only_flipped")],
-        ["slower impact (start at 35 mm)", *variant("slower_impact")],
-    ]
+def ideal_range(r):
+    """Of cutoffs, Hz."""
+    low, high = (r[f"ideal_cutoff_range_hz.{end}"] for end in (0, 1))
+    return (f"{low:g}" if low == high else hz_range((low, high))) + (" (the highest that was tried)" if high == 4000 else "")
 
 
 # The loop against the linear one
 def by_damping(arguments, key="rows"):
     return {r["damping_n_s_per_m"]: r for r in sim(f"linear {arguments} --multirate")[key]}
-
-
-@block("B, N s/m", "linear, as it runs, N/m", "simulated, 1 um, N/m", "2 um, N/m")
-def theory_boundaries():
-    words = "--cutoffs 1500 --dampings 0:50:600"
-    lines = by_damping(f"paper-1um {words}")
-    walked = [by_damping(f"{name} {words} --simulated", "simulated") for name in ("paper-1um", "paper-2um")]
-    for b in (50, 100, 200, 300, 400, 600):
-        yield b, number(lines[b]["stiffness_max_n_per_m"], 0), *(number(walk[b]["stiffness_n_per_m"], 0) for walk in walked)
 
 
 @block("the paper's device at 500 Hz, as it runs", "passive", "linearly stable", "ratio")
@@ -249,12 +191,3 @@ def passivity(scene):
     head = [f"`{scene}`, reserve {significant(1e3 * found['reserve_j'], 2)} mJ: limit, cutoff", "controller", "area, 10^6 N^2 s/m^2",
             "walls of the boundary", "most given, mJ", "withheld, %", "RMS, µm", "force above 100 Hz, N"]
     return table(head, body, right=(2, 4, 5, 6, 7))
-
-
-@block("length, s", "controller", "most given, mJ", "by motion, mJ", "fed by the hum, mW", "withheld, %", "most, %", "sag",
-       right=(0, 2, 3, 4, 5, 6, 7))
-def passivity_lengths():
-    scales = {"given_j": 1e3, "given_by_motion_j": 1e3, "fed_w": 1e3, "withheld_fraction": 100, "withheld_most_fraction": 100}
-    for row in sim("passivity paper-1um --cutoffs 1500 --limits 15e-6 --repeat 1 --settle 4,30,120,600")["lengths"]:
-        yield (number(row["settle_s"]), "with" if row["controller"] else "without",
-               *(significant(scale * row[key], 2) for key, scale in scales.items()), significant(row["sag"], 3))

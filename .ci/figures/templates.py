@@ -5,8 +5,8 @@ import math
 import re
 from pathlib import Path
 
-from . import BLOCKS, criteria, design, estimators, trade
-from .source import BOARDS, area_of, grouped, lit, ms, number, power, rows, significant, value
+from . import BLOCKS, criteria, design, estimators, simulator, sure, trade
+from .source import BOARDS, area_of, grouped, lit, ms, number, power, rows, said_in, significant, sim, value
 
 FILES = [Path(__file__).with_name(name) for name in ("measured.md", "stored.md")]
 SECTION = re.compile(r"(?m)^## (.+)\n\n((?:\w+: .*\n)*)\n?((?:\|.*\n)+)")
@@ -14,18 +14,39 @@ PLACE = re.compile(r"\{([^{}]+?)((?: x[\d.e-]+| /[\w.]+)*)(?: ([.spg])(\d?)| (ms
 OF_BOARDS = re.compile(r"(?m)(?:^.*BOARD.*\n)+")
 # What a row is in words, by the name that a place has for it.
 WORDS = {
-    "area": area_of, "area_3": design.design_area, "area_3_and_delay": design.area_and_delay, "area_at": criteria.area_at, "area_if_ideal": criteria.area_if_ideal,
-    "change": lambda r: r["what"].replace(";", ","), "limit_name": criteria.limit_name, "percent": estimators.percent,
-    "rank": lambda r: "" if r["rank"] == "0" else r["rank"], "times_range": criteria.times_range, "response": trade.response, "tuned": estimators.tuned,
-    "tuning_hz": estimators.tuning_hz, "who": criteria.who_feels, "who_or_none": lambda r: criteria.who_feels(r, "none"),
+    "area": area_of, "area_3": design.design_area, "area_3_and_delay": design.area_and_delay, "area_at": criteria.area_at,
+    "area_if_ideal": criteria.area_if_ideal, "change": lambda r: r["what"].replace(";", ","),
+    "controller": lambda r: "with" if r["controller"] else "without", "ideal_range": simulator.ideal_range,
+    "interval": sure.interval, "limit_name": criteria.limit_name, "percent": estimators.percent,
+    "rank": lambda r: "" if r["rank"] == "0" else r["rank"], "response": trade.response, "times_range": criteria.times_range,
+    "tuned": estimators.tuned, "tuning_hz": estimators.tuning_hz, "who": criteria.who_feels,
+    "who_or_none": lambda r: criteria.who_feels(r, "none"),
 }
+
+
+def flat(value, name=""):
+    """A row of JSON: `range_hz.0` is the first value of `range_hz`, and a bare value is `value`."""
+    if not isinstance(value, (dict, list)):
+        return {name or "value": "" if value is None else value}
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    return {key: cell for part, of in items for key, cell in flat(of, f"{name}.{part}".lstrip(".")).items()}
+
+
+def table_of(source, path):
+    """The rows of a stored table, or of what is there in stored JSON or in what the simulator says."""
+    if source.endswith(".csv"):
+        return rows(source)
+    found = sim(source.removeprefix("cargo sim ")) if source.startswith("cargo sim ") else said_in(source)
+    for key in path.split("."):
+        found = found[int(key) if isinstance(found, list) else key]
+    return [flat(r) for r in (found if isinstance(found, list) else [found])]
 
 
 def meets(r, condition):
     """`COLUMN=VALUE`, with != <= >= too, or `ideal`: at the ideal cutoff."""
     if condition == "ideal":
         return r["cutoff_hz"] == r["ideal_cutoff_hz"]
-    column, how, wanted = re.fullmatch(r"(\w+)(=|!=|<=|>=)(.*)", condition).groups()
+    column, how, wanted = re.fullmatch(r"([\w.]+)(=|!=|<=|>=)(.*)", condition).groups()
     if how in ("<=", ">="):
         return float(r[column]) <= float(wanted) if how == "<=" else float(r[column]) >= float(wanted)
     try:
@@ -55,8 +76,9 @@ def figure(place, group):
     name, scales, form, digits, word, none = place.groups()
     conditions, _, key = name.rpartition(": ")
     conditions = conditions.split(", ") if conditions else []
-    if conditions and conditions[0].endswith(".csv"):
-        group = rows(conditions.pop(0))
+    if conditions and re.match(r"cargo sim |.*\.(csv|json)$", conditions[0]):
+        source = conditions.pop(0)
+        group = table_of(source, "" if source.endswith(".csv") else conditions.pop(0))
     found = chosen(group, conditions) or ("/" in key and [{}])
     if not found and none is None:
         raise SystemExit(f"error: .ci/figures/stored.md: no row for {place[0]}")
@@ -81,7 +103,7 @@ def figure(place, group):
         if "/" in key:
             return written(largest(key))
         if key in r:
-            return written(r[key]) if r[key] else (none or "").strip("'")
+            return (none or "").strip("'") if r[key] == "" else written(r[key])
         return written(sum(float(r[column]) for column in key.split("+")))
 
     return " to ".join(dict.fromkeys(map(one, key.split(" to "))))
@@ -101,7 +123,7 @@ def groups(told):
     """The rows of each line of a table that is made of stored rows; for another one no rows, once."""
     if "rows" not in told:
         return [[]]
-    found = chosen(rows(told["rows"]), told["where"].split(", ") if "where" in told else [])
+    found = chosen(table_of(told["rows"], told.get("at")), told["where"].split(", ") if "where" in told else [])
     if "order" in told:
         column = told["order"].removeprefix("falling ")
         found = sorted(found, key=lambda r: float(r[column]), reverse=column != told["order"])
@@ -118,7 +140,7 @@ def block(heading, settings, lines):
         for each in values.split("; "):
             words = dict(zip(names.split(" / "), each.split(" / "))) | dict(zip(parameters, arguments))
             for group in groups({key: exchanged(text, words) for key, text in told.items()}):
-                texts = {column.upper(): text for column, text in group[0].items()} if group else {}
+                texts = {column.upper(): str(text) for column, text in group[0].items()} if group else {}
                 made = filled(exchanged(lines, texts | words), group).splitlines()
                 head = head or made[:2]
                 lines_of += made[2:]
