@@ -7,7 +7,7 @@ import time
 import tomllib
 
 from . import block, commands
-from .source import ROOT, long, number, row, rows, scene_of, significant, sim, table
+from .source import long, number, row, rows, scene_of, significant, sim, table
 
 # Scene, its name on the page.
 DEVICES = {
@@ -145,15 +145,3 @@ def fault_speeds():
         full, fast, far = (told[key] for key in (f"full_scale_{of_force}", f"fault_speed_{length}_per_s", f"fault_travel_{length}"))
         yield (f"`{scene}`", f"{significant(full, 3)} {force}", f"{significant(fast, 3)} {speed}",
                significant(fast * radius, 3), significant(1e3 * far * radius, 3))
-
-
-@block()
-def agree_example():
-    found = sim(f"agree {ROOT}/examples/known.toml {ROOT}/docs/data/tutorial-measured.csv")
-    def cells(row):
-        scene, value, low, high, left = ("none" if row[key] is None else significant(row[key], 3)
-                                         for key in ("scene", "value", "low", "high", "left_n_per_m"))
-        return [row["name"], f"`{row['key']}`", scene, f"{value} ({low} to {high})", row["unit"], left, "yes" if row["explains"] else "no"]
-    differ = significant(found["distance_n_per_m"], 3)
-    return table(["number", "key", "in the scene", "explains best (range)", "unit", f"leaves, of {differ} N/m", "explains all"],
-                 map(cells, found["suspects"]))

@@ -11,28 +11,12 @@ from .source import LONG, ROOT, long, number, row, rows, rows_of, said, said_in,
 FUSION = "compare-paper-1um-accelerometer.csv"
 
 
-def compared(scene):
-    """The rows of `compare`; for the finer encoder with those of the scene with an accelerometer."""
-    found = {r["estimator"]: r for r in rows(f"compare-{scene}.csv")}
-    if scene == "paper-2um":
-        found |= {r["estimator"]: r for r in rows("compare-paper-2um-added.csv")}
-    if scene == "paper-1um":
-        found["fusion"] = of(scene, "fusion") | {"estimator": "fusion (accelerometer scene)"}
-    return found.values()
-
-
 def of(scene, estimator):
     return row(FUSION if estimator == "fusion" else f"compare-{scene}.csv", estimator=estimator)
 
 
 def f(r, key, scale=1.0, digits=0, none="-"):
     return number(float(r[key]) * scale, digits) if r[key] else none
-
-
-def range_of(r, key, scale, digits):
-    """Mean, smallest and largest of the repeats."""
-    low, high = (f(r, key.replace("_n", f"_{end}_n", 1), scale, digits) for end in ("low", "high"))
-    return f"{f(r, key, scale, digits)} ({low} to {high})" if r[key] else "-"
 
 
 def tuned(r):
@@ -65,41 +49,32 @@ def true_area(file):
     return float(r["area_n2_s_per_m2"]) / float(r["share_of_true_velocity"]) / 1e6
 
 
-@block("estimator", "needs", "tuning, second parameter", "walks", "area, 10^6 N^2 s/m^2 (lowest to highest)",
-       "of the true velocity's, %", "peak K, kN/m", "K at B, kN/m", "largest B, N s/m", "area left at -3 dB /1.2, x1.2, %")
-def comparison_areas(scene):
-    for r in compared(scene):
-        walks = r["search_walks"] + ("+" if r["search_settled"] == "false" else "")
-        low, high = (f(r, f"left_when_bandwidth_{end}", 100) for end in ("low", "high"))
-        yield (r["estimator"], r["needs"], tuned(r), walks, range_of(r, "area_n2_s_per_m2", 1e-6, 1), share(r),
-               f(r, "stiffness_peak_mean_n_per_m", 1e-3, 1), f(r, "stiffness_at_damping_mean_n_per_m", 1e-3, 1),
-               f(r, "damping_max_mean_n_s_per_m"), "-" if low == high == "-" else f"{low}, {high}")
-
-
 def cost(name):
     """Cycles and bytes as the tests hold them; a fixed tuning has its estimator's."""
-    base = {"observer told in time": "observer", "first-order at 50 Hz": "first-order",
-            "fusion (accelerometer scene)": "fusion"}.get(name, name)
-    found = row("host-sim/data/estimator_cost.csv", estimator=base)
-    return [found["cycles"], found["ram_bytes"]]
+    base = {"observer told in time": "observer", "first-order at 50 Hz": "first-order"}.get(name, name)
+    return row("host-sim/data/estimator_cost.csv", estimator=base)
+
+
+def roughness(r):
+    """Mean, smallest and largest of the repeats, mN."""
+    mean, low, high = (f(r, f"roughness{end}_n", 1e3) for end in ("", "_low", "_high"))
+    return f"{mean} ({low} to {high})" if r["roughness_n"] else "-"
+
+
+def left(r):
+    """Of the area, with a bandwidth that is wrong, %."""
+    low, high = (f(r, f"left_when_bandwidth_{end}", 100) for end in ("low", "high"))
+    return "-" if low == high == "-" else f"{low}, {high}"
+
+
+def area_to_cap(r):
+    cut = float(r["damping_max_mean_n_s_per_m"]) >= 4000
+    return f(r, "area_n2_s_per_m2", 1e-6, 1) + (" (up to the cap of B)" if cut else "")
 
 
 def delay(r):
     hand, motor = (f(r, key, 1e3, 3) for key in ("delay_hand_s", "delay_motor_s"))
     return hand if hand == motor else f"{hand} / {motor}"
-
-
-def pair(r, first, second, scale, digits):
-    return f"{f(r, first, scale, digits)} / {f(r, second, scale, digits)}"
-
-
-@block("estimator", "-3 dB of difference and filter, Hz", "delay at 5 Hz by hand / by motor, ms", "noise at rest / in motion, mm/s",
-       "force above 100 Hz, mN (lowest to highest)", "impedance error, %: all / estimator's share", "cycles", "RAM, bytes")
-def comparison_measures(scene):
-    for r in compared(scene):
-        yield (r["estimator"], f(r, "bandwidth_hz"), delay(r), pair(r, "noise_at_rest_m_per_s", "noise_in_motion_m_per_s", 1e3, 2),
-               range_of(r, "roughness_n", 1e3, 0),
-               pair(r, "impedance_error", "impedance_error_of_estimator", 100, 2) if r["impedance_error"] else "-", *cost(r["estimator"]))
 
 
 CRITERIA = [
@@ -128,15 +103,6 @@ def comparison_winners(scene):
         yield name, best(position) if position else "-", "-" if rank is None else rank, best(more) if more else "-"
 
 
-@block("what", "walls")
-def comparison_walls():
-    told = said_in("compare-paper-1um.json")
-    walls = [f"K {number(w['stiffness_n_per_m'])} N/m with {w['damping_n_s_per_m']:g} N s/m" for w in told["walls"]]
-    yield "force above 100 Hz", walls[1]
-    yield "impedance", ", ".join(walls)
-    yield "hold and latency alone, with the true velocity", f"an impedance error of {100 * told['impedance_error_of_loop']:.2f} %"
-
-
 def area(scene, name):
     return float(of(scene, name)["area_n2_s_per_m2"])
 
@@ -150,22 +116,7 @@ def comparison_short():
         worst = [f"{100 * float(of(s, name)['left_when_bandwidth_wrong']):.0f} %" for s in scenes]
         none = ["-"] * (2 - len(scenes))
         fine = of("paper-1um", name)
-        yield (name, cost(name)[0], *gains, *none, *worst, *none, f(fine, "noise_in_motion_m_per_s", 1e3, 2), f(fine, "roughness_n", 1e3))
-
-
-AT_LIMIT = {5: "compare-paper-1um-limit-5um.csv", 15: "compare-paper-1um.csv", 30: "compare-paper-1um-limit-30um.csv"}
-
-
-@block("estimator", *(f"limit of {um} um" for um in AT_LIMIT))
-def comparison_limits(column, scale, digits):
-    def cell(r):
-        cut = column == "area_n2_s_per_m2" and float(r["damping_max_mean_n_s_per_m"]) >= 4000
-        return f(r, column, float(scale), int(digits)) + (" (up to the cap of B)" if cut else "")
-
-    for name in ("butterworth", "first-order", "kalman-3", "levant-explicit", "time-stamps"):
-        yield name, *(cell(row(file, estimator=name)) for file in AT_LIMIT.values())
-    if column == "area_n2_s_per_m2":
-        yield "the true velocity", *(f"{true_area(file):.{digits}f}" for file in AT_LIMIT.values())
+        yield (name, cost(name)["cycles"], *gains, *none, *worst, *none, f(fine, "noise_in_motion_m_per_s", 1e3, 2), f(fine, "roughness_n", 1e3))
 
 
 @block("estimator", "1 Hz", "10 Hz", "50 Hz", "100 Hz")

@@ -4,6 +4,7 @@ import csv
 import functools
 import json
 import math
+import os
 import re
 import shutil
 import subprocess
@@ -129,7 +130,7 @@ def said(arguments, scene=None, wrote=None):
     with tempfile.TemporaryDirectory() as folder:
         if scene:
             (Path(folder) / "SCENE.toml").write_text(scene)
-        ran = shell(f"{programs()}/host-sim {arguments}", folder)
+        ran = shell(f"{programs()}/host-sim {arguments}", folder, env=os.environ | {"ROOT": str(ROOT)})
         if ran.returncode:
             raise SystemExit(f"error: cargo sim {arguments}: {ran.stderr}")
         return (Path(folder) / wrote).read_text() if wrote else ran.stdout

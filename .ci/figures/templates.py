@@ -15,10 +15,14 @@ OF_BOARDS = re.compile(r"(?m)(?:^.*BOARD.*\n)+")
 # What a row is in words, by the name that a place has for it.
 WORDS = {
     "area": area_of, "area_3": design.design_area, "area_3_and_delay": design.area_and_delay, "area_at": criteria.area_at,
-    "area_if_ideal": criteria.area_if_ideal, "change": lambda r: r["what"].replace(";", ","),
-    "controller": lambda r: "with" if r["controller"] else "without", "ideal_range": simulator.ideal_range,
-    "interval": sure.interval, "limit_name": criteria.limit_name, "percent": estimators.percent,
-    "rank": lambda r: "" if r["rank"] == "0" else r["rank"], "response": trade.response, "times_range": criteria.times_range,
+    "area_if_ideal": criteria.area_if_ideal, "area_to_cap": estimators.area_to_cap,
+    "change": lambda r: r["what"].replace(";", ","), "controller": lambda r: "with" if r["controller"] else "without",
+    "cycles_of": lambda r: estimators.cost(r["estimator"])["cycles"], "delay": estimators.delay,
+    "explains": lambda r: "yes" if r["explains"] else "no",
+    "ideal_range": simulator.ideal_range, "interval": sure.interval, "is_settled": lambda r: "+" * (r["search_settled"] == "false"),
+    "left": estimators.left, "limit_name": criteria.limit_name, "percent": estimators.percent,
+    "ram_of": lambda r: estimators.cost(r["estimator"])["ram_bytes"], "rank": lambda r: "" if r["rank"] == "0" else r["rank"],
+    "response": trade.response, "roughness": estimators.roughness, "of_true_velocity": estimators.share, "times_range": criteria.times_range,
     "tuned": estimators.tuned, "tuning_hz": estimators.tuning_hz, "who": criteria.who_feels,
     "who_or_none": lambda r: criteria.who_feels(r, "none"),
 }
@@ -32,12 +36,16 @@ def flat(value, name=""):
     return {key: cell for part, of in items for key, cell in flat(of, f"{name}.{part}".lstrip(".")).items()}
 
 
+def is_table(source):
+    return source.endswith(".csv") and not source.startswith("cargo ")
+
+
 def table_of(source, path):
     """The rows of a stored table, or of what is there in stored JSON or in what the simulator says."""
-    if source.endswith(".csv"):
-        return rows(source)
+    if is_table(source):
+        return [r for name in source.split("+") for r in rows(name)]
     found = sim(source.removeprefix("cargo sim ")) if source.startswith("cargo sim ") else said_in(source)
-    for key in path.split("."):
+    for key in filter(None, path.split(".")):
         found = found[int(key) if isinstance(found, list) else key]
     return [flat(r) for r in (found if isinstance(found, list) else [found])]
 
@@ -78,7 +86,7 @@ def figure(place, group):
     conditions = conditions.split(", ") if conditions else []
     if conditions and re.match(r"cargo sim |.*\.(csv|json)$", conditions[0]):
         source = conditions.pop(0)
-        group = table_of(source, "" if source.endswith(".csv") else conditions.pop(0))
+        group = table_of(source, None if is_table(source) else conditions.pop(0))
     found = chosen(group, conditions) or ("/" in key and [{}])
     if not found and none is None:
         raise SystemExit(f"error: .ci/figures/stored.md: no row for {place[0]}")
