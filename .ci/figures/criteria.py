@@ -2,7 +2,7 @@
 
 from . import block
 from .devices import without
-from .source import ROOT, area_of, at_ideal, grouped, hertz, mega, number, rows_of, significant, sim, table
+from .source import ROOT, area_of, at_ideal, grouped, hertz, number, rows_of, significant, sim, table
 
 def limit_name(r):
     return f"{float(r['limit']) * 1e6:g} um" if r["limit_unit"] == "m" else f"felt, {float(r['limit']):g} dB"
@@ -58,22 +58,5 @@ def criteria_people():
             yield f"{name}, `{criterion}`", *(f"{1e-3 * peak:.3g}" for peak in peaks), significant(peaks[-1] / peaks[0], 2)
 
 
-LEVELS = {-12: "12 dB more sensitive", 0: "the model", 12: "12 dB less sensitive"}
-
-
 def who_feels(r, free="free"):
     return "the worst of all" if r["push"] == "worst" else f"{r['arm'] or free}, {r['push']}"
-
-
-@block("encoder", "arm, push", *LEVELS.values())
-def criteria_felt_design():
-    """What is felt with a designed filter, and over what is felt at the ideal cutoff of the low-pass."""
-    for encoder in ("1um", "2um"):
-        designed, low_pass = (grouped(found, "arm", "push", "limit") for found in (
-            rows_of(f"felt-designed-paper-{encoder}.csv", estimator="scene"),
-            at_ideal(rows_of(f"felt-paper-{encoder}.csv", estimator="scene"))))
-        for who in dict.fromkeys(key[:2] for key in designed):
-            first = [found[*who, str(level)][0] for level in LEVELS for found in (designed, low_pass)]
-            areas = [float(r["area_n2_s_per_m2"]) for r in first]
-            yield (f"{encoder[0]} um", who_feels(first[0]),
-                   *(f"{mega(own)} ({own / other:.2f})" for own, other in zip(areas[::2], areas[1::2])))

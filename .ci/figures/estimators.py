@@ -103,22 +103,6 @@ def comparison_winners(scene):
         yield name, best(position) if position else "-", "-" if rank is None else rank, best(more) if more else "-"
 
 
-def area(scene, name):
-    return float(of(scene, name)["area_n2_s_per_m2"])
-
-
-@block("estimator", "cycles", "area against butterworth, 1 um", "2 um", "area left when mistuned by 1.2, 1 um", "2 um",
-       "noise in motion, 1 um, mm/s", "force above 100 Hz, 1 um, mN")
-def comparison_short():
-    for name in ["butterworth", "kalman-3", "levant-explicit", "fusion"]:
-        scenes = ["paper-1um"] if name == "fusion" else ["paper-1um", "paper-2um"]
-        gains = [f"{100 * (area(s, name) / area(s, 'butterworth') - 1):+.0f} %" for s in scenes]
-        worst = [f"{100 * float(of(s, name)['left_when_bandwidth_wrong']):.0f} %" for s in scenes]
-        none = ["-"] * (2 - len(scenes))
-        fine = of("paper-1um", name)
-        yield (name, cost(name)["cycles"], *gains, *none, *worst, *none, f(fine, "noise_in_motion_m_per_s", 1e3, 2), f(fine, "roughness_n", 1e3))
-
-
 @block("estimator", "1 Hz", "10 Hz", "50 Hz", "100 Hz")
 def comparison_frequencies():
     def mean(name, part=""):
@@ -145,37 +129,6 @@ def comparison_observer():
         yield significant(hz, 3) + (" (the best)" if r is best else ""), f(r, "area_n2_s_per_m2", 1e-6, 1)
     for name in ("kalman-3", "fusion"):
         yield f"beside it: {name}", f(of("paper-1um", name), "area_n2_s_per_m2", 1e-6, 1)
-
-
-@block("estimator", "area, times butterworth's", "delay by hand / by motor, ms", "phase at 100 Hz by hand, degrees", "by motor, degrees",
-       "impedance error, %", "estimator's share, %", "area left with a mass 20 % too small, too large, %")
-def comparison_observers():
-    for name in ["observer", "observer told in time", "kalman-3"]:
-        r = of("paper-1um", name)
-        mass = f"{f(r, 'left_when_mass_low', 100)}, {f(r, 'left_when_mass_high', 100)}" if r["left_when_mass_low"] else "-"
-        yield (name, significant(area("paper-1um", name) / area("paper-1um", "butterworth"), 2), delay(r),
-               f(r, "phase_100_hz_hand_deg"), f(r, "phase_100_hz_motor_deg"),
-               f(r, "impedance_error", 100, 1), f(r, "impedance_error_of_estimator", 100, 2), mass)
-
-
-@block("estimator", "area that the coarser encoder costs", "tuning at 1 um", "at 2 um")
-def comparison_coarser():
-    lost = {name: 100 * (1 - area("paper-2um", name) / area("paper-1um", name))
-            for name in ("levant-explicit", "kalman-3", "butterworth", "time-stamps")}
-    for name in sorted(lost, key=lost.get):
-        yield name, f"{lost[name]:.0f} %", *(tuned(of(scene, name)) for scene in ("paper-1um", "paper-2um"))
-
-
-@block("peak K over that of the filter of 50 Hz", "Levant", "windowing", "Kalman")
-def comparison_published():
-    """The published order of the estimators."""
-    def peak(name):
-        return float(of("paper-1um", name)["stiffness_peak_mean_n_per_m"])
-
-    pairs = [("levant-explicit", "levant-implicit"), ("foaw-end", "foaw-best"), ("kalman-2", "kalman-3")]
-    yield "published", "2.07", "1.93", "1.33"
-    yield "each tuned, no filter behind it", *(
-        ", ".join(f"{peak(name) / peak('first-order at 50 Hz'):.1f} {name}" for name in pair) for pair in pairs)
 
 
 @block("table", "command", "at commit")

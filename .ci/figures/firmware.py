@@ -1,7 +1,7 @@
 """The firmware and faults: what tests have measured on the virtual board, and stored campaigns."""
 
 from . import block
-from .source import BOARDS, CLASSES, grouped, m, measured, ms, power, rows, value
+from .source import BOARDS, CLASSES, grouped, m, measured, ms, rows, value
 from .templates import filled
 
 
@@ -11,16 +11,6 @@ def firmware_refused():
         room = f"elf/period/nucleo-f446re/{period}"
         refused = ", ".join(f"`{name}`" for name in measured(f"{room}/refused").split())
         yield period, m(f"{room}/allowed"), refused or "none", f"`{measured(f'{room}/slowest')}`", m(f"{room}/slowest_sample")
-
-
-@block("board", "hits", "points", "area, N^2 s/m^2", "simulated, mean of 16", "one walk of those", "difference",
-       "minutes of the board's time")
-def firmware_walks():
-    for board in BOARDS:
-        key = f"elf/walk/{board}"
-        area, mean = value(f"{key}/area"), value(f"{key}/simulated")
-        yield (board, m(f"{key}/hits"), m(f"{key}/points"), power(area, 5), power(mean, 5), f"+-{100 * value(f'{key}/spread'):.1f} %",
-               f"{100 * (area / mean - 1):+.2f} %", f"{value(f'{key}/virtual_s') / 60:.0f}")
 
 
 SHORT_HALT = "debugger halt, 1.5 ms"

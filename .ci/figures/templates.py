@@ -6,11 +6,12 @@ import re
 from pathlib import Path
 
 from . import BLOCKS, criteria, design, estimators, simulator, sure, trade
-from .source import BOARDS, area_of, grouped, lit, ms, number, power, rows, said_in, significant, sim, value
+from .source import BOARDS, area_of, grouped, lit, measured, ms, number, power, rows, said_in, significant, sim, value
 
 FILES = [Path(__file__).with_name(name) for name in ("measured.md", "stored.md")]
 SECTION = re.compile(r"(?m)^## (.+)\n\n((?:\w+: .*\n)*)\n?((?:\|.*\n)+)")
-PLACE = re.compile(r"\{([^{}]+?)((?: x[\d.e-]+| /[\w.]+)*)(?: ([.spg])(\d?)| (ms|w))?(?: else (\S+))?\}")
+PLACE = re.compile(r"\{([^{}]+?)((?: x[\d.e-]+| /[\w./-]+)*)(?: ([.spgc])(\d?)| (ms|w))?(?: else (\S+))?\}")
+SETTINGS = ("rows", "at", "where", "by", "order")
 OF_BOARDS = re.compile(r"(?m)(?:^.*BOARD.*\n)+")
 # What a row is in words, by the name that a place has for it.
 WORDS = {
@@ -18,12 +19,12 @@ WORDS = {
     "area_if_ideal": criteria.area_if_ideal, "area_to_cap": estimators.area_to_cap,
     "change": lambda r: r["what"].replace(";", ","), "controller": lambda r: "with" if r["controller"] else "without",
     "cycles_of": lambda r: estimators.cost(r["estimator"])["cycles"], "delay": estimators.delay,
-    "explains": lambda r: "yes" if r["explains"] else "no",
-    "ideal_range": simulator.ideal_range, "interval": sure.interval, "is_settled": lambda r: "+" * (r["search_settled"] == "false"),
+    "explains": lambda r: "yes" if r["explains"] else "no", "ideal_range": simulator.ideal_range, "interval": sure.interval,
+    "is_settled": lambda r: "+" * (r["search_settled"] == "false"),
     "left": estimators.left, "limit_name": criteria.limit_name, "percent": estimators.percent,
     "ram_of": lambda r: estimators.cost(r["estimator"])["ram_bytes"], "rank": lambda r: "" if r["rank"] == "0" else r["rank"],
-    "response": trade.response, "roughness": estimators.roughness, "of_true_velocity": estimators.share, "times_range": criteria.times_range,
-    "tuned": estimators.tuned, "tuning_hz": estimators.tuning_hz, "who": criteria.who_feels,
+    "response": trade.response, "roughness": estimators.roughness, "of_true_velocity": estimators.share,
+    "times_range": criteria.times_range, "tuned": estimators.tuned, "tuning_hz": estimators.tuning_hz, "who": criteria.who_feels,
     "who_or_none": lambda r: criteria.who_feels(r, "none"),
 }
 
@@ -81,27 +82,31 @@ def largest(name):
 
 def figure(place, group):
     """What stands in that place of a table; `group` are the rows that its line is about, the first one before others."""
-    name, scales, form, digits, word, none = place.groups()
+    (name, scales, form, digits, word, none), line = place.groups(), group[0]
     conditions, _, key = name.rpartition(": ")
     conditions = conditions.split(", ") if conditions else []
     if conditions and re.match(r"cargo sim |.*\.(csv|json)$", conditions[0]):
         source = conditions.pop(0)
         group = table_of(source, None if is_table(source) else conditions.pop(0))
-    found = chosen(group, conditions) or ("/" in key and [{}])
+    found = chosen(group, conditions)
     if not found and none is None:
         raise SystemExit(f"error: .ci/figures/stored.md: no row for {place[0]}")
     if not found or key.startswith("'"):
         return key.strip("'") if found else none.strip("'")
-    r = found[0]
+    r = line | found[0]
     if key in WORDS:
         return WORDS[key](r)
+    beside, _, column = key.rpartition(".")
+    if column in WORDS:
+        return WORDS[column]({name.removeprefix(f"{beside}."): cell for name, cell in r.items() if name.startswith(f"{beside}.")})
     write = {None: number, "ms": ms, "w": lambda text: text.replace("_", " "), ".": number, "s": significant, "p": power,
+             "c": lambda value: f"{100 * (value - 1):+.{digits}f}",
              "g": (lambda value: number(f"{value:.{digits}g}")) if digits else "{:g}".format}[word or form]
     more = [int(digits)] if form in (".", "s", "p") else []
 
     def written(number):
         for scale in scales.split():
-            by = float(r[scale[1:]] if scale[1:] in r else scale[1:])
+            by = float(r[scale[1:]] if scale[1:] in r else measured(scale[1:]) if "/" in scale[1:] else scale[1:])
             number = float(number) * by if scale[0] == "x" else float(number) / by
         return write(number if word == "w" else float(number), *more)
 
@@ -110,14 +115,14 @@ def figure(place, group):
             return written(lit(constant[1], rf"(?m)\b{constant[2]}(?:: f64)? = ([\d.]+)"))
         if "/" in key:
             return written(largest(key))
-        if key in r:
-            return (none or "").strip("'") if r[key] == "" else written(r[key])
+        if key in r or none:
+            return (none or "").strip("'") if r.get(key, "") == "" else written(r[key])
         return written(sum(float(r[column]) for column in key.split("+")))
 
     return " to ".join(dict.fromkeys(map(one, key.split(" to "))))
 
 
-def filled(text, group=()):
+def filled(text, group=({},)):
     text = OF_BOARDS.sub(lambda found: "".join(found[0].replace("BOARD", board) for board in BOARDS), text)
     return PLACE.sub(lambda place: figure(place, group), text)
 
@@ -130,12 +135,19 @@ def exchanged(text, words):
 def groups(told):
     """The rows of each line of a table that is made of stored rows; for another one no rows, once."""
     if "rows" not in told:
-        return [[]]
+        return [[{}]]
     found = chosen(table_of(told["rows"], told.get("at")), told["where"].split(", ") if "where" in told else [])
     if "order" in told:
         column = told["order"].removeprefix("falling ")
         found = sorted(found, key=lambda r: float(r[column]), reverse=column != told["order"])
     return list(grouped(found, *told["by"].split(", ")).values()) if "by" in told else [[r] for r in found]
+
+
+def beside(told):
+    """What named rows say: NAME.COLUMN."""
+    named = {name: words.split(", ") for name, words in told.items() if name not in SETTINGS}
+    return {f"{name}.{column}": cell for name, (source, *conditions) in named.items()
+            for r in chosen(rows(source), conditions)[:1] for column, cell in r.items()}
 
 
 def block(heading, settings, lines):
@@ -147,9 +159,10 @@ def block(heading, settings, lines):
         names, _, values = told.pop("each", "").partition(" in ")
         for each in values.split("; "):
             words = dict(zip(names.split(" / "), each.split(" / "))) | dict(zip(parameters, arguments))
-            for group in groups({key: exchanged(text, words) for key, text in told.items()}):
-                texts = {column.upper(): str(text) for column, text in group[0].items()} if group else {}
-                made = filled(exchanged(lines, texts | words), group).splitlines()
+            for first, *others in groups({key: exchanged(text, words) for key, text in told.items()}):
+                texts = {column.upper(): str(text) for column, text in first.items()} | words
+                others.insert(0, first | beside({key: exchanged(text, texts) for key, text in told.items()}))
+                made = filled(exchanged(lines, texts), others).splitlines()
                 head = head or made[:2]
                 lines_of += made[2:]
         return head + lines_of
