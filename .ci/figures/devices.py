@@ -7,15 +7,11 @@ import time
 import tomllib
 
 from . import block, commands
-from .source import long, number, row, rows, scene_of, significant, sim, table
+from .source import long, rows, scene_of, significant, sim, table
 
-# Scene, its name on the page.
-DEVICES = {
-    "epfl-paddle": "EPFL haptic paddle", "rice-paddle": "Rice haptic paddle", "hapkit": "Hapkit", "smartknob": "knob like SmartKnob",
-    "nucleo-f446re": "the paper's device", "discovery-f407": "the paper's device",
-}
+DEVICES = ["epfl-paddle", "rice-paddle", "hapkit", "smartknob", "nucleo-f446re", "discovery-f407"]
 ESTIMATORS = "butterworth,first-order,tracking-loop,kalman-3,levant-explicit"
-BEST, SWEEPS = "devices.csv", "devices-sweeps.csv"
+SWEEPS = "devices-sweeps.csv"
 # From examples/ to a board that holds a wall, builds included.
 TUTORIAL_SECONDS = 600
 
@@ -78,24 +74,6 @@ def make_best():
         best = max(areas, key=areas.get)
         body.append({"scene": scene, "best": best, "best_times_butterworth": areas[best] / areas["butterworth"]})
     return body
-
-
-def from_to(low, high):
-    """A range of cutoffs, Hz."""
-    return " to ".join(number(end) for end in sorted({float(low), float(high)}))
-
-
-@block("device, scene", "dial in, Hz (as good)", "largest K", "largest B", "free motion: inertia, dry friction",
-       "best of five, its area against Butterworth's", "the paper's criterion, Hz")
-def devices():
-    for scene, name in DEVICES.items():
-        best, r = row(BEST, scene=scene), row(SWEEPS, scene=scene, changed="")
-        turns = "[rotary]" in scene_of(scene)
-        k, b, inertia, force = ("N m/rad", "N m s/rad", "kg m^2", "N m") if turns else ("N/m", "N s/m", "kg", "N")
-        stiffness, damping, mass, friction = (significant(r[key], 3) for key in ("stiffness", "damping_max", "inertia", "friction"))
-        yield (f"{name}, `{scene}`", f"{number(r['cutoff_hz'])} ({from_to(r['low_hz'], r['high_hz'])})", f"{stiffness} {k}",
-               f"{'> ' if int(r['is_capped']) else ''}{damping} {b}", f"{mass} {inertia}, {friction} {force}",
-               f"`{best['best']}`, {float(best['best_times_butterworth']):.2f} times", from_to(r["own_low_hz"], r["own_high_hz"]))
 
 
 @block()

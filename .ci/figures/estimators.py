@@ -6,7 +6,7 @@ import functools
 import math
 
 from . import block
-from .source import LONG, ROOT, long, number, row, rows, rows_of, said, said_in, significant
+from .source import LONG, ROOT, long, number, row, rows, rows_of, said, significant
 
 FUSION = "compare-paper-1um-accelerometer.csv"
 
@@ -72,35 +72,16 @@ def area_to_cap(r):
     return f(r, "area_n2_s_per_m2", 1e-6, 1) + (" (up to the cap of B)" if cut else "")
 
 
+def winners(r):
+    """Who is best by a criterion, and who is not told apart from those."""
+    best, alike = ([name for key, name in r.items() if key.startswith(f"{part}.")] for part in ("best", "not_told_apart"))
+    beside = ", ".join(name for name in alike if name not in best)
+    return ", ".join(best) + (f"; not told apart: {beside}" if beside else "")
+
+
 def delay(r):
     hand, motor = (f(r, key, 1e3, 3) for key in ("delay_hand_s", "delay_motor_s"))
     return hand if hand == motor else f"{hand} / {motor}"
-
-
-CRITERIA = [
-    ("area_n2_s_per_m2", "area"), ("stiffness_peak_mean_n_per_m", "peak K"),
-    ("stiffness_at_damping_mean_n_per_m", "K at B"), ("damping_max_mean_n_s_per_m", "largest B"),
-    ("delay_hand_s", "delay by hand"), ("delay_motor_s", "delay by motor"),
-    ("noise_at_rest_m_per_s", "noise at rest"), ("noise_in_motion_m_per_s", "noise in motion"),
-    ("roughness_n", "force above 100 Hz"), ("impedance_error", "impedance error"),
-    ("impedance_error_of_estimator", "the estimator's share of it"),
-    ("left_when_bandwidth_wrong", "area left at a bandwidth 1.2 times off, the worse way"),
-    ("cycles", "cycles"), ("ram_bytes", "RAM"),
-]
-
-
-@block("criterion", "by the position only", "rank of butterworth", "of those that know more (an observer's area and K: see below)")
-def comparison_winners(scene):
-    winners = {(w["criterion"], w["class"]): w for w in said_in(f"compare-{scene}.json")["winners"]}
-
-    def best(found):
-        beside = [name for name in found["not_told_apart"] if name not in found["best"]]
-        return ", ".join(found["best"]) + (f"; not told apart: {', '.join(beside)}" if beside else "")
-
-    for key, name in CRITERIA:
-        position, more = (winners.get((key, kind)) for kind in ("position_only", "more_than_position"))
-        rank = position["butterworth_rank"] if position else None
-        yield name, best(position) if position else "-", "-" if rank is None else rank, best(more) if more else "-"
 
 
 @block("estimator", "1 Hz", "10 Hz", "50 Hz", "100 Hz")

@@ -119,15 +119,6 @@ def make_encoders():
     return body
 
 
-@block("device", "encoder", "dial in", "as good", "stiffest wall, K", "its B")
-def encoders():
-    """The cutoff to dial in and the stiffest wall with encoders of other resolutions."""
-    for r in rows("encoders.csv"):
-        k, b = float(r["stiffness"]), float(r["damping"])
-        wall = (f"{k / 1e3:g} kN/m", f"{b:g} N s/m") if r["unit"] == "N/m" else (f"{k:.3g} N m/rad", f"{1e3 * b:.3g} mN m s/rad")
-        yield r["device"], r["encoder"], f"**{float(r['cutoff_hz']):g} Hz**", f"{hz_range([r['low_hz'], r['high_hz']])} Hz", *wall
-
-
 def ideal_range(r):
     """Of cutoffs, Hz."""
     low, high = (r[f"ideal_cutoff_range_hz.{end}"] for end in (0, 1))

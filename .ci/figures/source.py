@@ -73,18 +73,12 @@ def grouped(found, *keys):
     return groups
 
 
-@functools.cache
-def constant(path, pattern):
-    """What the group of the pattern matches in a source file, in one place of it."""
+def lit(path, pattern):
+    """The number that the group of the pattern matches in a source file, in one place of it."""
     found = re.findall(pattern, (ROOT / path).read_text())
     if len(found) != 1:
         raise SystemExit(f"error: {path} has {len(found)} places like {pattern}")
-    return found[0]
-
-
-def lit(path, pattern):
-    """A number of the source."""
-    return float(constant(path, pattern).replace("_", ""))
+    return float(found[0].replace("_", ""))
 
 
 # Commands of minutes, as docs/data/made.csv has them: NAME, and of each file that a command writes where it is stored;

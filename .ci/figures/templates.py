@@ -24,7 +24,7 @@ WORDS = {
     "left": estimators.left, "limit_name": criteria.limit_name, "percent": estimators.percent,
     "ram_of": lambda r: estimators.cost(r["estimator"])["ram_bytes"], "rank": lambda r: "" if r["rank"] == "0" else r["rank"],
     "response": trade.response, "roughness": estimators.roughness, "of_true_velocity": estimators.share,
-    "times_range": criteria.times_range, "tuned": estimators.tuned, "tuning_hz": estimators.tuning_hz, "who": criteria.who_feels,
+    "times_range": criteria.times_range, "tuned": estimators.tuned, "tuning_hz": estimators.tuning_hz, "who": criteria.who_feels, "winners": estimators.winners,
     "who_or_none": lambda r: criteria.who_feels(r, "none"),
 }
 
