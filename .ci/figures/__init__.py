@@ -15,5 +15,5 @@ def block(*head, right=()):
 
 
 from . import (  # noqa: E402,F401
-    commands, criteria, design, devices, estimators, firmware, simulator, studies, sure, templates, trade,
+    commands, criteria, design, devices, estimators, firmware, simulator, studies, templates, trade,
 )

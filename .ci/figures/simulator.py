@@ -126,13 +126,16 @@ def ideal_range(r):
 
 
 # The loop against the linear one
-def by_damping(arguments, key="rows"):
-    return {r["damping_n_s_per_m"]: r for r in sim(f"linear {arguments} --multirate")[key]}
+def interval(r):
+    """Of the area with 5 %, where it has one."""
+    ends = [r[f"area_5_percent_{end}_n2_s_per_m2"] for end in ("low", "high")]
+    return "" if ends == ["", ""] else " to ".join("?" if end == "" else mega(end) for end in ends)
 
 
 @block("the paper's device at 500 Hz, as it runs", "passive", "linearly stable", "ratio")
 def theory_passive():
-    by = by_damping("paper-1um --cutoffs 500 --dampings 0:0.05:400 --passivity")
+    told = sim("linear paper-1um --cutoffs 500 --dampings 0:0.05:400 --passivity --multirate")
+    by = {r["damping_n_s_per_m"]: r for r in told["rows"]}
     keys = ("stiffness_passive_n_per_m", "stiffness_max_n_per_m")
     passive, stable = (max(r[key] for r in by.values()) / 1e3 for key in keys)
     narrow, wide = (max(b for b, r in by.items() if r[key] > 0) for key in keys)

@@ -5,7 +5,7 @@ import math
 import re
 from pathlib import Path
 
-from . import BLOCKS, criteria, design, estimators, simulator, sure, trade
+from . import BLOCKS, criteria, design, estimators, simulator, trade
 from .source import BOARDS, area_of, grouped, lit, measured, ms, number, power, rows, said_in, significant, sim, value
 
 FILES = [Path(__file__).with_name(name) for name in ("measured.md", "stored.md")]
@@ -19,9 +19,9 @@ WORDS = {
     "area_if_ideal": criteria.area_if_ideal, "area_to_cap": estimators.area_to_cap,
     "change": lambda r: r["what"].replace(";", ","), "controller": lambda r: "with" if r["controller"] else "without",
     "cycles_of": lambda r: estimators.cost(r["estimator"])["cycles"], "delay": estimators.delay,
-    "explains": lambda r: "yes" if r["explains"] else "no", "ideal_range": simulator.ideal_range, "interval": sure.interval,
+    "explains": lambda r: "yes" if r["explains"] else "no", "ideal_range": simulator.ideal_range, "interval": simulator.interval,
     "is_settled": lambda r: "+" * (r["search_settled"] == "false"),
-    "left": estimators.left, "limit_name": criteria.limit_name, "percent": estimators.percent,
+    "left": estimators.left, "limit_name": criteria.limit_name, "missed": trade.missed, "percent": estimators.percent,
     "ram_of": lambda r: estimators.cost(r["estimator"])["ram_bytes"], "rank": lambda r: "" if r["rank"] == "0" else r["rank"],
     "response": trade.response, "roughness": estimators.roughness, "of_true_velocity": estimators.share,
     "times_range": criteria.times_range, "tuned": estimators.tuned, "tuning_hz": estimators.tuning_hz, "who": criteria.who_feels, "winners": estimators.winners,

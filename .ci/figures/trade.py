@@ -3,21 +3,16 @@
 import math
 
 from . import block
-from .source import number, power, rows, said_in, significant, table
+from .source import power, rows, said_in, significant, table
 
 def response(r):
     """What a filter gets wrong, %, or why there is none."""
     return r["refused"] or (significant(100 * float(r["response_error"]), 2) if r["response_error"] else "-")
 
 
-@block("format", "form", "cycles", "bytes", "would do, Hz", "misses just below")
-def trade_filters():
-    names, before = {r["name"]: r["text"] for r in rows("filter-names.csv")}, None
-    for one in said_in("trade-paper-1um.json")["filters"]:
-        good, why = one["would_do_hz"], "refused" if one["refused_below"] else ", ".join(one["missed_below"])
-        yield ("" if one["format"] == before else names[one["format"]], names[one["form"]],
-               number(one["cycles"]), number(one["ram_bytes"]), f"{good[0]:g} to {good[1]:g}" if good else "none", why)
-        before = one["format"]
+def missed(r):
+    """What keeps a filter from doing just below its cutoffs."""
+    return "refused" if r["refused_below"] else ", ".join(name for key, name in r.items() if key.startswith("missed_below."))
 
 
 METHODS = {"exact": "exact", "semi-implicit-euler": "semi-implicit Euler", "rk4": "RK4", "dormand-prince": "Dormand-Prince"}
