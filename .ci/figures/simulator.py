@@ -1,10 +1,17 @@
 """README, first results, device, theory of the loop, first power-up, passivity: what the simulator says in seconds."""
 
 import math
+import os
 import re
+import resource
+import subprocess
+import tempfile
+import time
+import tomllib
+from pathlib import Path
 
-from . import block
-from .source import lit, long, m, mega, number, rows, said, scene_of, significant, sim, table
+from . import block, commands
+from .source import ROOT, lit, long, m, mega, number, programs, rows, said, scene_of, significant, sim, table
 
 
 def hz_range(low_high):
@@ -21,6 +28,12 @@ def dial_in(result):
     found = result["recommended"]
     return [f"**{found['cutoff_hz']:g} Hz**", f"{hz_range(found['range_hz'])} Hz", f"{found['stiffness_n_per_m'] / 1e3:g} kN/m",
             mega(found["area_n2_s_per_m2"])]
+
+
+def dialled(found):
+    """What a sweep recommends, as it is stored."""
+    low, high = found["range_hz"]
+    return {"cutoff_hz": found["cutoff_hz"], "low_hz": low, "high_hz": high}
 
 
 @block()
@@ -59,9 +72,8 @@ def make_periods():
     for loop, scene, period in loops:
         for between, tables in [("", ""), ("amplifier", AMPLIFIER), ("amplifier and transmission", AMPLIFIER + transmission(scene))]:
             found = study("SCENE.toml --repeat 1", scene + tables)["recommended"]
-            low, high = found["range_hz"]
-            body.append({"loop": loop, "period": period, "between": between, "cutoff_hz": found["cutoff_hz"], "low_hz": low,
-                         "high_hz": high, **{key: found[key] for key in ("stiffness_n_per_m", "area_n2_s_per_m2")}})
+            body.append({"loop": loop, "period": period, "between": between, **dialled(found),
+                         **{key: found[key] for key in ("stiffness_n_per_m", "area_n2_s_per_m2")}})
     return body
 
 
@@ -112,24 +124,10 @@ def make_encoders():
     body = []
     for device, encoder, scene in encoder_scenes():
         found = study("SCENE.toml --repeat 1", scene)["recommended"]
-        low, high = found["range_hz"]
         per, unit = ("n_m_per_rad", "N m/rad") if "[rotary]" in scene else ("n_per_m", "N/m")
-        body.append({"device": device, "encoder": encoder, "cutoff_hz": found["cutoff_hz"], "low_hz": low, "high_hz": high, "unit": unit,
+        body.append({"device": device, "encoder": encoder, **dialled(found), "unit": unit,
                      "stiffness": found[f"stiffness_{per}"], "damping": found[f"damping_{per.replace('_per', '_s_per')}"]})
     return body
-
-
-def ideal_range(r):
-    """Of cutoffs, Hz."""
-    low, high = (r[f"ideal_cutoff_range_hz.{end}"] for end in (0, 1))
-    return (f"{low:g}" if low == high else hz_range((low, high))) + (" (the highest that was tried)" if high == 4000 else "")
-
-
-# The loop against the linear one
-def interval(r):
-    """Of the area with 5 %, where it has one."""
-    ends = [r[f"area_5_percent_{end}_n2_s_per_m2"] for end in ("low", "high")]
-    return "" if ends == ["", ""] else " to ".join("?" if end == "" else mega(end) for end in ends)
 
 
 @block("the paper's device at 500 Hz, as it runs", "passive", "linearly stable", "ratio")
@@ -164,12 +162,6 @@ def theory_oscillation():
         yield case, number(lit("tests/host/closed_loop.rs", known), 1), *loops
 
 
-@block()
-def stored(file):
-    """A stored table as it stands."""
-    return table(list(rows(file)[0]), [r.values() for r in rows(file)])
-
-
 # The passivity controller beside the plain wall
 @block()
 def passivity(scene):
@@ -185,3 +177,166 @@ def passivity(scene):
     head = [f"`{scene}`, reserve {significant(1e3 * found['reserve_j'], 2)} mJ: limit, cutoff", "controller", "area, 10^6 N^2 s/m^2",
             "walls of the boundary", "most given, mJ", "withheld, %", "RMS, µm", "force above 100 Hz, N"]
     return table(head, body, right=(2, 4, 5, 6, 7))
+
+
+@block("largest K, N/mm", *(f"output at {rate} Hz" for rate in ("250", "1000", "5000", "10,000", "40,000")), "last over first")
+def criteria_people():
+    """Largest K of a spring alone by rate of the output, of an estimated device, beside what people called clean."""
+    yield "people, published", "0.325", "", "", "", "0.904", "2.8"
+    told = (ROOT / "docs/data/choi-tan.toml").read_text()
+    for name, text in {"rigid, no lag": without(told, "amplifier"), "force lags by 1.6 ms (100 Hz)": told}.items():
+        for criterion in ("quiet", "felt"):
+            scenes = [text.replace("period = 160", f"period = {period}") for period in (160, 40, 8, 4, 1)]
+            peaks = [sim(f"walk SCENE.toml --criterion {criterion}", scene)["stiffness_peak_n_per_m"] for scene in scenes]
+            yield f"{name}, `{criterion}`", *(f"{1e-3 * peak:.3g}" for peak in peaks), significant(peaks[-1] / peaks[0], 2)
+
+
+# The ready devices: what each gives, and what limits it
+DEVICES = ["epfl-paddle", "rice-paddle", "hapkit", "smartknob", "nucleo-f446re", "discovery-f407"]
+ESTIMATORS = "butterworth,first-order,tracking-loop,kalman-3,levant-explicit"
+SWEEPS = "devices-sweeps.csv"
+# From examples/ to a board that holds a wall, builds included.
+TUTORIAL_SECONDS = 600
+
+
+def times(text, key, factor):
+    """The scene with that key's number times a factor."""
+    changed, n = re.subn(rf"(?m)^({key} = )([0-9.e-]+)", lambda found: f"{found[1]}{float(found[2]) * factor:g}", text)
+    assert n == 1, (key, n)
+    return changed
+
+
+def without(text, name):
+    """The scene without that table, and without the list of estimated keys, which may name it."""
+    text = re.sub(r"(?ms)^estimated = \[.*?^\]\n", "", text)
+    return re.sub(rf"(?ms)^\[{name}\]\n.*?(?=^\[|\Z)", "", text)
+
+
+def changes(text):
+    """What could limit a device's walls: the scene with one thing changed."""
+    rotary = "[rotary]" in text
+    yield "encoder four times finer", times(text, *(("counts_per_turn", 4) if rotary else ("resolution_m", 0.25)))
+    yield "an output for every sample", times(text, "period", 0.1).replace("period = 1.0", "period = 1")
+    yield "no latency", times(text, "latency", 0)
+    yield "twice the force", times(text, "supply_v" if "supply_v =" in text else "limit_v", 2)
+    if "[amplifier]" in text:
+        yield "no lag of the amplifier", without(text, "amplifier")
+    if "[friction]" in text:
+        yield "no friction", without(without(text, "friction"), "integrator")
+
+
+def swept(scene, changed, text):
+    """What a sweep answers for that scene, in the units of the scene: by quiet walls, and by the scene's own criterion."""
+    told = sim("sweep SCENE.toml --repeat 2", text)["scenes"][0]
+    found = told["recommended"] or {}
+    answer = {**found, **found.get("free_motion", {})}
+    def value(words):
+        return next((value for key, value in answer.items() if key.startswith(words)), "")
+    low, high = found.get("range_hz", ("", ""))
+    own_low, own_high = told["ideal_cutoff_range_hz"] or ("", "")
+    return {"scene": scene, "changed": changed, "cutoff_hz": value("cutoff_hz"), "low_hz": low, "high_hz": high,
+            "stiffness": value("stiffness"), "damping_max": value("damping_max"), "area": value("area"),
+            "is_capped": int(value("is_capped") or 0), "inertia": value("inertia") or value("mass"),
+            "friction": value("friction"), "own_low_hz": own_low, "own_high_hz": own_high}
+
+
+@long("devices-sweeps")
+def make_sweeps():
+    """Each scene swept, as it is and with one thing changed."""
+    return [swept(scene, changed, text) for scene in DEVICES
+            for changed, text in [("", scene_of(scene)), *changes(scene_of(scene))]]
+
+
+@long("devices")
+def make_best():
+    """The best of five estimators of each scene."""
+    body = []
+    for scene in DEVICES:
+        compared = sim(f"compare SCENE.toml --estimators {ESTIMATORS} --budget 16 --out compare", scene_of(scene))
+        areas = {r["estimator"]: next(value for key, value in r.items() if key.startswith("area_n")) for r in compared["estimators"]}
+        best = max(areas, key=areas.get)
+        body.append({"scene": scene, "best": best, "best_times_butterworth": areas[best] / areas["butterworth"]})
+    return body
+
+
+@block()
+def devices_limits():
+    body, shown = [], list(dict.fromkeys(r["changed"] for r in rows(SWEEPS) if r["changed"]))
+    for scene in DEVICES:
+        found = {r["changed"]: r for r in rows(SWEEPS) if r["scene"] == scene}
+        areas = {name: float(r["area"]) for name, r in found.items() if r["area"]}
+        limit = max(areas, key=areas.get)
+        def cell(name):
+            if name not in areas:
+                return "no quiet wall" if name in found else ""
+            cut = "~ " if int(found[""]["is_capped"]) else "> " if int(found[name]["is_capped"]) else ""
+            return f"{cut}{significant(areas[name] / areas[''], 3)}{' (most)' if name == limit else ''}"
+        body.append([f"`{scene}`", *map(cell, shown)])
+    return table(["scene", *shown], body)
+
+
+@block("scene", "estimated")
+def devices_estimated():
+    for scene in DEVICES:
+        keys = tomllib.loads(scene_of(scene)).get("estimated", [])
+        yield f"`{scene}`", ", ".join(f"`{key}`" for key in keys) or "none"
+
+
+@long("tutorial")
+def timed_tutorial():
+    """The tutorial's commands, typed as they stand, with nothing built before."""
+    begun, commands.SECONDS = time.monotonic(), TUTORIAL_SECONDS
+    with tempfile.TemporaryDirectory() as empty:
+        os.environ["CARGO_TARGET_DIR"] = empty
+        failed = commands.run("docs/tutorial.md")
+    seconds = time.monotonic() - begun
+    if failed or seconds > TUTORIAL_SECONDS:
+        raise SystemExit("\n".join(["error: the tutorial", *failed, f"took {seconds:.0f} s, {TUTORIAL_SECONDS} are allowed"]))
+    return [{"cores": len(os.sched_getaffinity(0)), "seconds": f"{seconds:.0f}"}]
+
+
+@block("scene", "full force", "speed", "at the handle, m/s", "travel at the handle, mm")
+def fault_speeds():
+    """What full force gives the free handle until a fault is off, as `prepare` says."""
+    for scene in DEVICES:
+        told = sim(f"prepare {scene} --out {scene}.device")
+        rotary = tomllib.loads(scene_of(scene)).get("rotary")
+        length, of_force, force, speed = ("rad", "n_m", "N m", "rad/s") if rotary else ("m", "n", "N", "m/s")
+        radius = rotary["handle_radius_m"] if rotary else 1
+        full, fast, far = (told[key] for key in (f"full_scale_{of_force}", f"fault_speed_{length}_per_s", f"fault_travel_{length}"))
+        yield (f"`{scene}`", f"{significant(full, 3)} {force}", f"{significant(fast, 3)} {speed}",
+               significant(fast * radius, 3), significant(1e3 * far * radius, 3))
+
+
+# Of hits, by cutoffs, K and B. The walls are spread over the same ranges, so that as many of them are stable.
+SIZES = {10**3: (10, 10, 10), 10**4: (10, 40, 25), 10**5: (10, 100, 100), 10**6: (10, 400, 250)}
+ALLOWED_S = 180
+
+
+def spread(n, low, high):
+    return [low + (high - low) * i / (n - 1) for i in range(n)]
+
+
+@long("hits")
+def timed_hits():
+    """Studies of single hits, each size in a folder of its own: what a user waits for, the folder written and flushed."""
+    program, body = programs() / "host-sim", []
+    for hits, (cutoffs, stiffnesses, dampings) in SIZES.items():
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "hits.toml").write_text(f"""measure = "hit"
+scenes = ["paper-2um"]
+cutoffs_hz = {spread(cutoffs, 300, 3000)}
+stiffnesses = {spread(stiffnesses, 1e3, 100e3)}
+dampings = {spread(dampings, 0, 300)}
+""")
+            begun, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
+            subprocess.run([program, "study", "hits.toml", "--out", "hits"], cwd=folder, stdout=subprocess.PIPE, check=True)
+            seconds, after = time.monotonic() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+            busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            size = sum(path.stat().st_size for path in Path(folder, "hits").rglob("*") if path.is_file())
+        body.append({"hits": hits, "cores": len(os.sched_getaffinity(0)), "seconds": f"{seconds:.3f}", "busy_s": f"{busy:.3f}",
+                     "bytes": size})
+        print(body[-1], flush=True)
+    if seconds > ALLOWED_S:
+        raise SystemExit(f"error: {hits} hits took {seconds:.0f} s, {ALLOWED_S} are allowed")
+    return body

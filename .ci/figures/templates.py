@@ -5,30 +5,14 @@ import math
 import re
 from pathlib import Path
 
-from . import BLOCKS, criteria, design, estimators, simulator, trade
-from .source import BOARDS, area_of, grouped, lit, measured, ms, number, power, rows, said_in, significant, sim, value
+from . import BLOCKS, words
+from .source import BOARDS, grouped, lit, measured, ms, number, power, rows, said_in, significant, sim, value
 
 FILES = [Path(__file__).with_name(name) for name in ("measured.md", "stored.md")]
 SECTION = re.compile(r"(?m)^## (.+)\n\n((?:\w+: .*\n)*)\n?((?:\|.*\n)+)")
 PLACE = re.compile(r"\{([^{}]+?)((?: x[\d.e-]+| /[\w./-]+)*)(?: ([.spgc])(\d?)| (ms|w))?(?: else (\S+))?\}")
 SETTINGS = ("rows", "at", "where", "by", "order")
 OF_BOARDS = re.compile(r"(?m)(?:^.*BOARD.*\n)+")
-# What a row is in words, by the name that a place has for it.
-WORDS = {
-    "area": area_of, "area_3": design.design_area, "area_3_and_delay": design.area_and_delay, "area_at": criteria.area_at,
-    "area_if_ideal": criteria.area_if_ideal, "area_to_cap": estimators.area_to_cap,
-    "change": lambda r: r["what"].replace(";", ","), "controller": lambda r: "with" if r["controller"] else "without",
-    "cycles_of": lambda r: estimators.cost(r["estimator"])["cycles"], "delay": estimators.delay,
-    "explains": lambda r: "yes" if r["explains"] else "no", "ideal_range": simulator.ideal_range, "interval": simulator.interval,
-    "is_settled": lambda r: "+" * (r["search_settled"] == "false"),
-    "left": estimators.left, "limit_name": criteria.limit_name, "missed": trade.missed, "percent": estimators.percent,
-    "ram_of": lambda r: estimators.cost(r["estimator"])["ram_bytes"], "rank": lambda r: "" if r["rank"] == "0" else r["rank"],
-    "response": trade.response, "roughness": estimators.roughness, "of_true_velocity": estimators.share,
-    "times_range": criteria.times_range, "tuned": estimators.tuned, "tuning_hz": estimators.tuning_hz, "who": criteria.who_feels, "winners": estimators.winners,
-    "who_or_none": lambda r: criteria.who_feels(r, "none"),
-}
-
-
 def flat(value, name=""):
     """A row of JSON: `range_hz.0` is the first value of `range_hz`, and a bare value is `value`."""
     if not isinstance(value, (dict, list)):
@@ -94,11 +78,9 @@ def figure(place, group):
     if not found or key.startswith("'"):
         return key.strip("'") if found else none.strip("'")
     r = line | found[0]
-    if key in WORDS:
-        return WORDS[key](r)
     beside, _, column = key.rpartition(".")
-    if column in WORDS:
-        return WORDS[column]({name.removeprefix(f"{beside}."): cell for name, cell in r.items() if name.startswith(f"{beside}.")})
+    if say := vars(words).get(column):
+        return say({name.removeprefix(f"{beside}."): cell for name, cell in r.items() if name.startswith(beside)})
     write = {None: number, "ms": ms, "w": lambda text: text.replace("_", " "), ".": number, "s": significant, "p": power,
              "c": lambda value: f"{100 * (value - 1):+.{digits}f}",
              "g": (lambda value: number(f"{value:.{digits}g}")) if digits else "{:g}".format}[word or form]
