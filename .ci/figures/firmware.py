@@ -1,19 +1,8 @@
 """The firmware and faults: what tests have measured on the virtual board, and stored campaigns."""
 
 from . import block
-from .source import BOARDS, CLASSES, grouped, m, measured, ms, rows, value
+from .source import BOARDS, CLASSES, grouped, ms, rows, value
 from .templates import filled
-
-
-@block("period, samples", "cycles allowed", "refused", "the longest that is allowed", "`sample` with it, at most")
-def firmware_refused():
-    for period in (1, 2, 5, 10):
-        room = f"elf/period/nucleo-f446re/{period}"
-        refused = ", ".join(f"`{name}`" for name in measured(f"{room}/refused").split())
-        yield period, m(f"{room}/allowed"), refused or "none", f"`{measured(f'{room}/slowest')}`", m(f"{room}/slowest_sample")
-
-
-SHORT_HALT = "debugger halt, 1.5 ms"
 
 
 @block("fault case", "how it is brought about", "enable off after", "allowed", "code")
@@ -26,7 +15,7 @@ def fault_campaign():
         names = r["measured"].split("; ")
         off = max(value(f"elf/faults/{name}/{board}") for name in names for board in BOARDS)
         limit = max(value(f"elf/faults/{name}/allowed") for name in names)
-        halted = 1.5e3 if names[0] == SHORT_HALT else 0  # the program stands still for the halt
+        halted = 1.5e3 if names[0] == "debugger halt, 1.5 ms" else 0  # the program stands still for the halt
         shown, limit = ms(off - halted), limit - halted
         limit = f"{limit:g} us" if limit < 100 else f"{limit / 1e3:g} ms"
         yield (r["case"], r["how"], f"0, and {shown} after it goes on" if halted else shown,
@@ -34,13 +23,12 @@ def fault_campaign():
 
 
 CAMPAIGN = rows("campaign-rows.csv")
-SOON_S = 3e-3
 # Those that the stored campaign has.
 SITUATIONS = [s for s in ("free", "full", "contact") if any(row["situation"] == s for row in CAMPAIGN)]
 
 
 def is_soon(row):
-    return bool(row["off_s"]) and float(row["off_s"]) <= SOON_S
+    return bool(row["off_s"]) and float(row["off_s"]) <= 3e-3
 
 
 def does_nothing(row):

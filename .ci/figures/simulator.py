@@ -7,27 +7,15 @@ import resource
 import subprocess
 import tempfile
 import time
-import tomllib
 from pathlib import Path
 
 from . import block, commands
-from .source import ROOT, lit, long, m, mega, number, programs, rows, said, scene_of, significant, sim, table
-
-
-def hz_range(low_high):
-    return "{:g} to {:g}".format(*map(float, low_high))
+from .source import ROOT, lit, long, mega, number, programs, rows, said, scene_of, significant, sim, table, value
 
 
 def study(arguments, scene=None):
     """The sweep of one scene."""
     return sim(f"sweep {arguments}", scene)["scenes"][0]
-
-
-def dial_in(result):
-    """Cells of what a sweep recommends, and the area of the quiet walls, 10^6 N^2 s/m^2."""
-    found = result["recommended"]
-    return [f"**{found['cutoff_hz']:g} Hz**", f"{hz_range(found['range_hz'])} Hz", f"{found['stiffness_n_per_m'] / 1e3:g} kN/m",
-            mega(found["area_n2_s_per_m2"])]
 
 
 def dialled(found):
@@ -101,7 +89,10 @@ def quiet_choices():
         for share, amplifier in [(3, ""), (7, ""), (15, ""), (7, AMPLIFIER)]:
             scene = scene_of(name)
             scene = hit_by(scene, f"force_rms_limit_n = {share / 100 * key_of(scene, 'push_n'):.5f}")
-            yield name, f"{share} %", "1 kHz" if amplifier else "none", *dial_in(study("SCENE.toml --repeat 1", scene + amplifier))
+            found = study("SCENE.toml --repeat 1", scene + amplifier)["recommended"]
+            yield (name, f"{share} %", "1 kHz" if amplifier else "none", f"**{found['cutoff_hz']:g} Hz**",
+                   "{:g} to {:g} Hz".format(*found["range_hz"]), f"{found['stiffness_n_per_m'] / 1e3:g} kN/m",
+                   mega(found["area_n2_s_per_m2"]))
 
 
 def encoder_scenes():
@@ -109,11 +100,9 @@ def encoder_scenes():
     for device, name in [("the paper's, its loop", "paper-1um"), ("the paper's, on a NUCLEO-F446RE", "nucleo-f446re")]:
         for microns in ("0.5", "1", "2", "5", "10"):
             yield device, f"{microns} um", scene_of(name, resolution_m=f"{microns}e-6")
-    turned = {"counts_per_turn": 4000, "encoder_on": '"motor"'}
-    for device, name, changes in [
-            ("knob like SmartKnob", "smartknob", {"counts_per_turn": 4000}), ("Hapkit", "hapkit", turned),
-            ("Rice haptic paddle", "rice-paddle", turned), ("EPFL haptic paddle", "epfl-paddle", turned)]:
-        scene = scene_of(name, **changes)
+    for device, name in [("knob like SmartKnob", "smartknob"), ("Hapkit", "hapkit"), ("Rice haptic paddle", "rice-paddle"),
+                         ("EPFL haptic paddle", "epfl-paddle")]:
+        scene = scene_of(name, counts_per_turn=4000, **({} if name == "smartknob" else {"encoder_on": '"motor"'}))
         ratio = key_of(scene, "ratio")
         yield device, "4,000 counts a turn, " + ("direct drive" if ratio == 1 else f"motor geared {ratio:.1f}:1"), scene
 
@@ -128,18 +117,6 @@ def make_encoders():
         body.append({"device": device, "encoder": encoder, **dialled(found), "unit": unit,
                      "stiffness": found[f"stiffness_{per}"], "damping": found[f"damping_{per.replace('_per', '_s_per')}"]})
     return body
-
-
-@block("the paper's device at 500 Hz, as it runs", "passive", "linearly stable", "ratio")
-def theory_passive():
-    told = sim("linear paper-1um --cutoffs 500 --dampings 0:0.05:400 --passivity --multirate")
-    by = {r["damping_n_s_per_m"]: r for r in told["rows"]}
-    keys = ("stiffness_passive_n_per_m", "stiffness_max_n_per_m")
-    passive, stable = (max(r[key] for r in by.values()) / 1e3 for key in keys)
-    narrow, wide = (max(b for b, r in by.items() if r[key] > 0) for key in keys)
-    yield "K at B = 0, N/m", *(number(by[0.0][key], 0) for key in keys), ""
-    yield "largest K, kN/m", significant(passive, 3), significant(stable, 3), significant(stable / passive, 3)
-    yield "largest B, N s/m (steps of 0.05)", significant(narrow, 3), significant(wide, 3), significant(wide / narrow, 2)
 
 
 @block("wall", "no amplifier", "5 kHz", "3 kHz", "2 kHz", "1 kHz", right=range(1, 6))
@@ -158,7 +135,8 @@ def theory_oscillation():
     for case, rate, known in [
             ("oscillation starts, 10 kHz, B = 0, no latency", "10000", r"\[\(1e4, ([\d_.]+)\), \(1e3, [\d_.]+\)\]"),
             ("the same at 1 kHz", "1000", r"\[\(1e4, [\d_.]+\), \(1e3, ([\d_.]+)\)\]")]:
-        loops = [" to ".join(m(f"host/closed_loop/{rate}/{kind}_{end}", 1) for end in ("below", "above")) for kind in ("Fixed", "F64")]
+        loops = [" to ".join(number(value(f"host/closed_loop/{rate}/{kind}_{end}"), 1) for end in ("below", "above"))
+                 for kind in ("Fixed", "F64")]
         yield case, number(lit("tests/host/closed_loop.rs", known), 1), *loops
 
 
@@ -275,13 +253,6 @@ def devices_limits():
     return table(["scene", *shown], body)
 
 
-@block("scene", "estimated")
-def devices_estimated():
-    for scene in DEVICES:
-        keys = tomllib.loads(scene_of(scene)).get("estimated", [])
-        yield f"`{scene}`", ", ".join(f"`{key}`" for key in keys) or "none"
-
-
 @long("tutorial")
 def timed_tutorial():
     """The tutorial's commands, typed as they stand, with nothing built before."""
@@ -293,19 +264,6 @@ def timed_tutorial():
     if failed or seconds > TUTORIAL_SECONDS:
         raise SystemExit("\n".join(["error: the tutorial", *failed, f"took {seconds:.0f} s, {TUTORIAL_SECONDS} are allowed"]))
     return [{"cores": len(os.sched_getaffinity(0)), "seconds": f"{seconds:.0f}"}]
-
-
-@block("scene", "full force", "speed", "at the handle, m/s", "travel at the handle, mm")
-def fault_speeds():
-    """What full force gives the free handle until a fault is off, as `prepare` says."""
-    for scene in DEVICES:
-        told = sim(f"prepare {scene} --out {scene}.device")
-        rotary = tomllib.loads(scene_of(scene)).get("rotary")
-        length, of_force, force, speed = ("rad", "n_m", "N m", "rad/s") if rotary else ("m", "n", "N", "m/s")
-        radius = rotary["handle_radius_m"] if rotary else 1
-        full, fast, far = (told[key] for key in (f"full_scale_{of_force}", f"fault_speed_{length}_per_s", f"fault_travel_{length}"))
-        yield (f"`{scene}`", f"{significant(full, 3)} {force}", f"{significant(fast, 3)} {speed}",
-               significant(fast * radius, 3), significant(1e3 * far * radius, 3))
 
 
 # Of hits, by cutoffs, K and B. The walls are spread over the same ranges, so that as many of them are stable.

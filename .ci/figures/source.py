@@ -149,11 +149,6 @@ def value(key):
     return float(measured(key))
 
 
-def m(key, digits=None, scale=1.0):
-    """The same as the pages write it."""
-    return number(value(key) * scale, digits)
-
-
 def number(value, digits=None):
     """With so many digits behind the point; thousands with commas from 10,000 on."""
     text = f"{float(value):.{digits}f}" if digits is not None else f"{float(value):g}"

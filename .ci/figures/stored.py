@@ -8,6 +8,7 @@ from . import block
 from .source import (
     LONG, ROOT, area_of, at_ideal, grouped, long, mega, number, power, row, rows, rows_of, said, said_in, significant, table,
 )
+from .templates import filled, picked
 from .words import area_3, area_at, f, of_true_velocity
 
 
@@ -25,15 +26,11 @@ def made_by(*patterns):
             yield f"[{r['file']}](data/{r['file']})", f"`{r['command']}`", r["commit"]
 
 
-def of_limit(name, limit, **wanted):
-    return [r for r in rows_of(name, **wanted) if abs(float(r["limit"]) - float(limit)) <= 1e-9 * float(limit)]
-
-
 @block()
 def criteria_rates(limit, push):
     """Area at the ideal cutoff, and that cutoff, by encoder rate and output rate."""
     by_rates, true_velocity = (
-        grouped(of_limit("rates-paper-1um.csv", limit, push=push, estimator=name), "encoder_rate_hz", "output_rate_hz")
+        grouped(picked(f"rates-paper-1um.csv, limit={limit}, push={push}, estimator={name}"), "encoder_rate_hz", "output_rate_hz")
         for name in ("scene", "true-velocity"))
     encoders, outputs = (sorted(set(rates), key=float) for rates in zip(*by_rates))
 
@@ -66,12 +63,6 @@ CONDITIONS = {"15 um, motor": "compare-paper-1um.csv", "15 um, hand": "compare-p
 ASKED = ["butterworth", "first-order", "least-squares-2", "tracking-loop", "kalman-3", "levant-explicit"]
 
 
-def true_area(file):
-    """What the true velocity reaches, by the same walks, 10^6 N^2 s/m^2."""
-    r = row(file, estimator="butterworth")
-    return float(r["area_n2_s_per_m2"]) / float(r["share_of_true_velocity"]) / 1e6
-
-
 @block("estimator", *CONDITIONS)
 def comparison_conditions():
     def cell(file, name):
@@ -83,7 +74,8 @@ def comparison_conditions():
 
     for name in ASKED:
         yield f"`{name}`", *(cell(file, name) for file in CONDITIONS.values())
-    yield "true velocity", *(significant(true_area(file), 3) for file in CONDITIONS.values())
+    true = "{{{}, estimator=butterworth: area_n2_s_per_m2 /share_of_true_velocity /1e6 s3}}".format
+    yield "true velocity", *(filled(true(file)) for file in CONDITIONS.values())
 
 
 @block("estimator", "1 Hz", "10 Hz", "50 Hz", "100 Hz")

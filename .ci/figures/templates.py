@@ -3,14 +3,15 @@
 import fnmatch
 import math
 import re
+import tomllib
 from pathlib import Path
 
 from . import BLOCKS, words
-from .source import BOARDS, grouped, lit, measured, ms, number, power, rows, said_in, significant, sim, value
+from .source import BOARDS, ROOT, grouped, lit, measured, ms, number, power, rows, said_in, significant, sim, value
 
 FILES = [Path(__file__).with_name(name) for name in ("measured.md", "stored.md")]
 SECTION = re.compile(r"(?m)^## (.+)\n\n((?:\w+: .*\n)*)\n?((?:\|.*\n)+)")
-PLACE = re.compile(r"\{([^{}]+?)((?: x[\d.e-]+| /[\w./-]+)*)(?: ([.spgc])(\d?)| (ms|w))?(?: else (\S+))?\}")
+PLACE = re.compile(r"\{([^{}]+?)((?: [x/][\w./-]+)*)(?: ([.spgc])(\d?)| (ms|w))?(?: else (\S+))?\}")
 SETTINGS = ("rows", "at", "where", "by", "order")
 OF_BOARDS = re.compile(r"(?m)(?:^.*BOARD.*\n)+")
 def flat(value, name=""):
@@ -29,7 +30,10 @@ def table_of(source, path):
     """The rows of a stored table, or of what is there in stored JSON or in what the simulator says."""
     if is_table(source):
         return [r for name in source.split("+") for r in rows(name)]
-    found = sim(source.removeprefix("cargo sim ")) if source.startswith("cargo sim ") else said_in(source)
+    if source.endswith(".toml"):
+        found = tomllib.loads((ROOT / source).read_text())
+    else:
+        found = sim(source.removeprefix("cargo sim ")) if source.startswith("cargo sim ") else said_in(source)
     for key in filter(None, path.split(".")):
         found = found[int(key) if isinstance(found, list) else key]
     return [flat(r) for r in (found if isinstance(found, list) else [found])]
@@ -59,6 +63,15 @@ def chosen(found, conditions):
     return found
 
 
+def picked(words, group=()):
+    """The rows of `SOURCE, PLACE, CONDITION, ..`, or those of the group that meet the conditions."""
+    conditions = words.split(", ") if words else []
+    if conditions and re.match(r"cargo sim |.*\.(csv|json|toml)$", conditions[0]):
+        source = conditions.pop(0)
+        group = table_of(source, None if is_table(source) else conditions.pop(0))
+    return chosen(group, conditions)
+
+
 def largest(name):
     """Of the figures that a name with * stands for."""
     return max(map(value, fnmatch.filter((row["figure"] for row in rows("measured.csv")), name) or [name]))
@@ -68,11 +81,7 @@ def figure(place, group):
     """What stands in that place of a table; `group` are the rows that its line is about, the first one before others."""
     (name, scales, form, digits, word, none), line = place.groups(), group[0]
     conditions, _, key = name.rpartition(": ")
-    conditions = conditions.split(", ") if conditions else []
-    if conditions and re.match(r"cargo sim |.*\.(csv|json)$", conditions[0]):
-        source = conditions.pop(0)
-        group = table_of(source, None if is_table(source) else conditions.pop(0))
-    found = chosen(group, conditions)
+    found = picked(conditions, group)
     if not found and none is None:
         raise SystemExit(f"error: .ci/figures/stored.md: no row for {place[0]}")
     if not found or key.startswith("'"):
@@ -96,7 +105,7 @@ def figure(place, group):
         if constant := re.fullmatch(r"(\S+\.(?:rs|toml)) (\w+)", key):
             return written(lit(constant[1], rf"(?m)\b{constant[2]}(?:: f64)? = ([\d.]+)"))
         if "/" in key:
-            return written(largest(key))
+            return written(measured(key) if word == "w" else largest(key)) or none
         if key in r or none:
             return (none or "").strip("'") if r.get(key, "") == "" else written(r[key])
         return written(sum(float(r[column]) for column in key.split("+")))
@@ -127,9 +136,8 @@ def groups(told):
 
 def beside(told):
     """What named rows say: NAME.COLUMN."""
-    named = {name: words.split(", ") for name, words in told.items() if name not in SETTINGS}
-    return {f"{name}.{column}": cell for name, (source, *conditions) in named.items()
-            for r in chosen(rows(source), conditions)[:1] for column, cell in r.items()}
+    return {f"{name}.{column}": cell for name, words in told.items() if name not in SETTINGS
+            for r in picked(words)[:1] for column, cell in r.items()}
 
 
 def block(heading, settings, lines):

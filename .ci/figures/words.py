@@ -7,15 +7,16 @@ controller = lambda r: "with" if r["controller"] else "without"
 change = lambda r: r["what"].replace(";", ",")
 rank = lambda r: "" if r["rank"] == "0" else r["rank"]
 is_settled = lambda r: "+" * (r["search_settled"] == "false")
+estimated = lambda r: ", ".join(f"`{key}`" for name, key in r.items() if name.startswith("estimated.")) or "none"
+area_at = lambda r: f"{area(r)} ({hertz(r)} Hz)"
+ram_bytes_of = lambda r: cost(r, "ram_bytes")
+tuning_hz = lambda r: f"{float(r['tuning']):.0f} Hz" if r["tuning_unit"] == "Hz" else ""
+who_or_none = lambda r: who(r, "none")
 area_3 = lambda r: area(r, lambda value: significant(value, 3))
 
 
 def limit_name(r):
     return f"{float(r['limit']) * 1e6:g} um" if r["limit_unit"] == "m" else f"felt, {float(r['limit']):g} dB"
-
-
-def area_at(r):
-    return f"{area(r)} ({hertz(r)} Hz)"
 
 
 def area_if_ideal(r):
@@ -44,10 +45,6 @@ def who(r, free="free"):
     return "the worst of all" if r["push"] == "worst" else f"{r['arm'] or free}, {r['push']}"
 
 
-def who_or_none(r):
-    return who(r, "none")
-
-
 def f(r, key, scale=1.0, digits=0, none="-"):
     return number(float(r[key]) * scale, digits) if r[key] else none
 
@@ -59,10 +56,6 @@ def tuned(r):
         return text + (f" {r[unit]}" if r[unit] != "1" else "") + ("*" if r[edge] == "true" else "")
     keys = [("tuning", "tuning_unit", "tuning_at_edge"), ("second", "second_unit", "second_at_edge")]
     return ", ".join(one(*names) for names in keys if r[names[0]])
-
-
-def tuning_hz(r):
-    return f"{float(r['tuning']):.0f} Hz" if r["tuning_unit"] == "Hz" else ""
 
 
 def of_true_velocity(r):
@@ -80,10 +73,6 @@ def cost(r, what="cycles"):
     """Cycles as the tests hold them; a fixed tuning has its estimator's."""
     base = {"observer told in time": "observer", "first-order at 50 Hz": "first-order"}.get(r["estimator"], r["estimator"])
     return row("host-sim/data/estimator_cost.csv", estimator=base)[what]
-
-
-def ram_bytes_of(r):
-    return cost(r, "ram_bytes")
 
 
 def roughness(r):
