@@ -127,16 +127,16 @@ class Browser:
 
     def type(self, *lines):
         from selenium.webdriver.common.keys import Keys
-        line = self.find("line")
+        line = self.find("#line")
         for text in lines:
             line.send_keys(text, Keys.ENTER)
             self.until(f"typed().includes({text!r})")
 
-    def find(self, name):
-        return self.driver.find_element("id", name)
+    def find(self, selector):
+        return self.driver.find_element("css selector", selector)
 
     def field(self, name):
-        return self.driver.find_element("css selector", f"[data-set={name}], input#{name}, select#{name}")
+        return self.find(f"[data-set={name}], input#{name}, select#{name}")
 
     def put(self, name, text):
         """Types into a field, as a person does."""
@@ -174,7 +174,7 @@ class Browser:
         return ActionChains(self.driver, **more)
 
     def drag(self, name, places, hold=False):
-        canvas = self.find(name)
+        canvas = self.find(f"#{name}")
         wide, tall = canvas.size["width"], canvas.size["height"]
         moves = self.actions(duration=25)
         for n, (x, y) in enumerate(places):
@@ -192,7 +192,7 @@ class Browser:
         self.actions().release().perform()
 
     def click(self, selector):
-        self.driver.find_element("css selector", selector).click()
+        self.find(selector).click()
 
     def arm(self):
         self.click("[data-do=arm]")
