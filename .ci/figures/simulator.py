@@ -140,7 +140,6 @@ def theory_oscillation():
         yield case, number(lit("tests/host/closed_loop.rs", known), 1), *loops
 
 
-# The passivity controller beside the plain wall
 @block()
 def passivity(scene):
     found = sim(f"passivity {scene}")
@@ -169,7 +168,6 @@ def criteria_people():
             yield f"{name}, `{criterion}`", *(f"{1e-3 * peak:.3g}" for peak in peaks), significant(peaks[-1] / peaks[0], 2)
 
 
-# The ready devices: what each gives, and what limits it
 DEVICES = ["epfl-paddle", "rice-paddle", "hapkit", "smartknob", "nucleo-f446re", "discovery-f407"]
 ESTIMATORS = "butterworth,first-order,tracking-loop,kalman-3,levant-explicit"
 SWEEPS = "devices-sweeps.csv"

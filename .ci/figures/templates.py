@@ -1,4 +1,4 @@
-"""The tables of measured.md and stored.md, which stand there as the pages show them, with places for figures."""
+"""The tables of measured.md and tables.md, which stand there as the pages show them, with places for figures."""
 
 import fnmatch
 import math
@@ -9,11 +9,13 @@ from pathlib import Path
 from . import BLOCKS, words
 from .source import BOARDS, ROOT, grouped, lit, measured, ms, number, power, rows, said_in, significant, sim, value
 
-FILES = [Path(__file__).with_name(name) for name in ("measured.md", "stored.md")]
+FILES = [Path(__file__).with_name(name) for name in ("measured.md", "tables.md")]
 SECTION = re.compile(r"(?m)^## (.+)\n\n((?:\w+: .*\n)*)\n?((?:\|.*\n)+)")
 PLACE = re.compile(r"\{([^{}]+?)((?: [x/][\w./-]+)*)(?: ([.spgc])(\d?)| (ms|w))?(?: else (\S+))?\}")
 SETTINGS = ("rows", "at", "where", "by", "order")
 OF_BOARDS = re.compile(r"(?m)(?:^.*BOARD.*\n)+")
+
+
 def flat(value, name=""):
     """A row of JSON: `range_hz.0` is the first value of `range_hz`, and a bare value is `value`."""
     if not isinstance(value, (dict, list)):
@@ -83,7 +85,7 @@ def figure(place, group):
     conditions, _, key = name.rpartition(": ")
     found = picked(conditions, group)
     if not found and none is None:
-        raise SystemExit(f"error: .ci/figures/stored.md: no row for {place[0]}")
+        raise SystemExit(f"error: .ci/figures/tables.md: no row for {place[0]}")
     if not found or key.startswith("'"):
         return key.strip("'") if found else none.strip("'")
     r = line | found[0]
@@ -105,10 +107,14 @@ def figure(place, group):
         if constant := re.fullmatch(r"(\S+\.(?:rs|toml)) (\w+)", key):
             return written(lit(constant[1], rf"(?m)\b{constant[2]}(?:: f64)? = ([\d.]+)"))
         if "/" in key:
-            return written(measured(key) if word == "w" else largest(key)) or none
-        if key in r or none:
-            return (none or "").strip("'") if r.get(key, "") == "" else written(r[key])
-        return written(sum(float(r[column]) for column in key.split("+")))
+            return written(measured(key) if word == "w" else largest(key)) or none or ""
+        # Of a row that is not there, or of JSON's null.
+        is_none = none and beside and not any(name.startswith(f"{beside}.") for name in r)
+        if missing := [column for column in key.split("+") if column not in r and not is_none]:
+            raise SystemExit(f"error: .ci/figures/tables.md: no column {missing[0]} for {place[0]}")
+        if "+" in key:
+            return written(sum(float(r[column]) for column in key.split("+")))
+        return (none or "").strip("'") if r.get(key, "") == "" else written(r[key])
 
     return " to ".join(dict.fromkeys(map(one, key.split(" to "))))
 

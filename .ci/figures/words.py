@@ -8,20 +8,13 @@ change = lambda r: r["what"].replace(";", ",")
 rank = lambda r: "" if r["rank"] == "0" else r["rank"]
 is_settled = lambda r: "+" * (r["search_settled"] == "false")
 estimated = lambda r: ", ".join(f"`{key}`" for name, key in r.items() if name.startswith("estimated.")) or "none"
+area_if_ideal = lambda r: area(r) + ("*" if at_ideal([r]) else "")  # marked where it is at the ideal cutoff
+limit_name = lambda r: f"{float(r['limit']) * 1e6:g} um" if r["limit_unit"] == "m" else f"felt, {float(r['limit']):g} dB"
 area_at = lambda r: f"{area(r)} ({hertz(r)} Hz)"
 ram_bytes_of = lambda r: cost(r, "ram_bytes")
 tuning_hz = lambda r: f"{float(r['tuning']):.0f} Hz" if r["tuning_unit"] == "Hz" else ""
 who_or_none = lambda r: who(r, "none")
 area_3 = lambda r: area(r, lambda value: significant(value, 3))
-
-
-def limit_name(r):
-    return f"{float(r['limit']) * 1e6:g} um" if r["limit_unit"] == "m" else f"felt, {float(r['limit']):g} dB"
-
-
-def area_if_ideal(r):
-    """Marked where it is at the ideal cutoff."""
-    return area(r) + ("*" if at_ideal([r]) else "")
 
 
 def area_3_and_delay(r):
