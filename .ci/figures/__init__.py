@@ -14,6 +14,4 @@ def block(*head, right=()):
     return named
 
 
-from . import (  # noqa: E402,F401
-    commands, criteria, design, devices, estimators, firmware, measured, simulator, studies, sure, trade,
-)
+from . import commands, firmware, simulator, stored, templates  # noqa: E402,F401

@@ -1,29 +1,8 @@
 """The firmware and faults: what tests have measured on the virtual board, and stored campaigns."""
 
 from . import block
-from .measured import filled
-from .source import BOARDS, CLASSES, ENDS, grouped, m, measured, ms, power, rows, value
-
-
-@block("period, samples", "cycles allowed", "refused", "the longest that is allowed", "`sample` with it, at most")
-def firmware_refused():
-    for period in (1, 2, 5, 10):
-        room = f"elf/period/nucleo-f446re/{period}"
-        refused = ", ".join(f"`{name}`" for name in measured(f"{room}/refused").split())
-        yield period, m(f"{room}/allowed"), refused or "none", f"`{measured(f'{room}/slowest')}`", m(f"{room}/slowest_sample")
-
-
-@block("board", "hits", "points", "area, N^2 s/m^2", "simulated, mean of 16", "one walk of those", "difference",
-       "minutes of the board's time")
-def firmware_walks():
-    for board in BOARDS:
-        key = f"elf/walk/{board}"
-        area, mean = value(f"{key}/area"), value(f"{key}/simulated")
-        yield (board, m(f"{key}/hits"), m(f"{key}/points"), power(area, 5), power(mean, 5), f"+-{100 * value(f'{key}/spread'):.1f} %",
-               f"{100 * (area / mean - 1):+.2f} %", f"{value(f'{key}/virtual_s') / 60:.0f}")
-
-
-SHORT_HALT = "debugger halt, 1.5 ms"
+from .source import BOARDS, CLASSES, grouped, ms, rows, value
+from .templates import filled
 
 
 @block("fault case", "how it is brought about", "enable off after", "allowed", "code")
@@ -36,7 +15,7 @@ def fault_campaign():
         names = r["measured"].split("; ")
         off = max(value(f"elf/faults/{name}/{board}") for name in names for board in BOARDS)
         limit = max(value(f"elf/faults/{name}/allowed") for name in names)
-        halted = 1.5e3 if names[0] == SHORT_HALT else 0  # the program stands still for the halt
+        halted = 1.5e3 if names[0] == "debugger halt, 1.5 ms" else 0  # the program stands still for the halt
         shown, limit = ms(off - halted), limit - halted
         limit = f"{limit:g} us" if limit < 100 else f"{limit / 1e3:g} ms"
         yield (r["case"], r["how"], f"0, and {shown} after it goes on" if halted else shown,
@@ -44,13 +23,12 @@ def fault_campaign():
 
 
 CAMPAIGN = rows("campaign-rows.csv")
-SOON_S = 3e-3
 # Those that the stored campaign has.
 SITUATIONS = [s for s in ("free", "full", "contact") if any(row["situation"] == s for row in CAMPAIGN)]
 
 
 def is_soon(row):
-    return bool(row["off_s"]) and float(row["off_s"]) <= SOON_S
+    return bool(row["off_s"]) and float(row["off_s"]) <= 3e-3
 
 
 def does_nothing(row):
@@ -109,30 +87,7 @@ def campaign_nothing():
         yield name, ", ".join(s for s in SITUATIONS if s in classes), ", ".join(sorted(set().union(*classes.values())))
 
 
-def share_of(row, name):
-    """An interval of it, %."""
-    return f"{100 * float(row[f'{name}_low']):.2f} to {100 * float(row[f'{name}_high']):.2f}"
-
-
 ENDED = ["no effect", "bounded", "off in time", "off late", "unnoticed"]
-
-
-@block("board", "part", "flips", *ENDED, "unnoticed, %, 95 %")
-def campaign_random():
-    for row in rows("campaign-random.csv"):
-        counts = [int(row[name]) for name in CLASSES]
-        yield row["board"], row["region"].replace("_", " "), sum(counts), *counts, share_of(row, "unnoticed")
-
-
-@block("board", "part", "flips", "found by the check, force right", "found by the check, force wrong before", "off by something else",
-       "force wrong for longer than a pass", "unnoticed", "wrong before, %, 95 %", "force wrong, ms, at most", "speed, m/s, at most",
-       "off after, ms, at most")
-def campaign_image():
-    """How flips in the program in flash ended."""
-    for row in rows("campaign-image.csv"):
-        ends = [int(row[name]) for name in ENDS]
-        yield (row["board"], row["part"], sum(ends), *ends, share_of(row, "wrong"), f"{float(row['wrong_s']) * 1e3:.0f}",
-               f"{float(row['speed_m_per_s']):.3f}", f"{float(row['off_s']) * 1e3:.0f}")
 
 
 @block("set by", "flips", *ENDED)

@@ -1,14 +1,16 @@
 """README, first results, device, theory of the loop, first power-up, passivity: what the simulator says in seconds."""
 
 import math
+import os
 import re
+import resource
+import subprocess
+import tempfile
+import time
+from pathlib import Path
 
-from . import block
-from .source import lit, long, m, mega, number, rows, said, scene_of, significant, sim, table
-
-
-def hz_range(low_high):
-    return "{:g} to {:g}".format(*map(float, low_high))
+from . import block, commands
+from .source import ROOT, lit, long, mega, number, programs, rows, said, scene_of, significant, sim, table, value
 
 
 def study(arguments, scene=None):
@@ -16,19 +18,10 @@ def study(arguments, scene=None):
     return sim(f"sweep {arguments}", scene)["scenes"][0]
 
 
-def dial_in(result):
-    """Cells of what a sweep recommends, and the area of the quiet walls, 10^6 N^2 s/m^2."""
-    found = result["recommended"]
-    return [f"**{found['cutoff_hz']:g} Hz**", f"{hz_range(found['range_hz'])} Hz", f"{found['stiffness_n_per_m'] / 1e3:g} kN/m",
-            mega(found["area_n2_s_per_m2"])]
-
-
-@block("loop, encoder", "dial in", "as good", "stiffest wall", "by the paper's criterion, its range")
-def readme_study():
-    for name, encoder in [("paper-1um", "the paper's, 1 um"), ("paper-2um", "the paper's, 2 um"),
-                          ("nucleo-f446re", "NUCLEO-F446RE, 1 um")]:
-        result = study(name)
-        yield encoder, *dial_in(result)[:3], f"{result['ideal_cutoff_hz']:g} Hz, {hz_range(result['ideal_cutoff_range_hz'])} Hz"
+def dialled(found):
+    """What a sweep recommends, as it is stored."""
+    low, high = found["range_hz"]
+    return {"cutoff_hz": found["cutoff_hz"], "low_hz": low, "high_hz": high}
 
 
 @block()
@@ -67,21 +60,9 @@ def make_periods():
     for loop, scene, period in loops:
         for between, tables in [("", ""), ("amplifier", AMPLIFIER), ("amplifier and transmission", AMPLIFIER + transmission(scene))]:
             found = study("SCENE.toml --repeat 1", scene + tables)["recommended"]
-            low, high = found["range_hz"]
-            body.append({"loop": loop, "period": period, "between": between, "cutoff_hz": found["cutoff_hz"], "low_hz": low,
-                         "high_hz": high, **{key: found[key] for key in ("stiffness_n_per_m", "area_n2_s_per_m2")}})
+            body.append({"loop": loop, "period": period, "between": between, **dialled(found),
+                         **{key: found[key] for key in ("stiffness_n_per_m", "area_n2_s_per_m2")}})
     return body
-
-
-@block("loop", "samples an output", "dial in", "as good", "stiffest wall", "area, 10^6 N^2 s/m^2", "amplifier of 1 kHz",
-       "and a transmission of 150 Hz")
-def criteria_periods():
-    """Three stored rows make one: as it is, with an amplifier, with that and a transmission."""
-    found = iter(rows("periods-quiet.csv"))
-    for r in found:
-        yield [r["loop"], r["period"], f"**{float(r['cutoff_hz']):g} Hz**", f"{hz_range([r['low_hz'], r['high_hz']])} Hz",
-               f"{float(r['stiffness_n_per_m']) / 1e3:g} kN/m", mega(r["area_n2_s_per_m2"]),
-               *(f"{mega(r['area_n2_s_per_m2'])} ({float(r['cutoff_hz']):g} Hz)" for r in (next(found), next(found)))]
 
 
 @long("elements-cost")
@@ -101,14 +82,6 @@ def make_elements():
     return body
 
 
-@block("element", *(f"{push}: {what}" for push in ("motor's push", "hand's push") for what in ("area, 10^6 N^2 s/m^2", "peak K, kN/m")))
-def elements_cost():
-    by = {}
-    for r in rows("elements-cost.csv"):
-        by.setdefault(r["element"], [r["element"]]).extend([mega(r["area_n2_s_per_m2"]), f"{float(r['stiffness_peak_n_per_m']) / 1e3:g}"])
-    return by.values()
-
-
 @block("scene", "force below, of the push", "amplifier", "dial in", "as good", "stiffest wall", "area, 10^6 N^2 s/m^2")
 def quiet_choices():
     """The cutoff to dial in by other limits of the force, and with an amplifier of 1 kHz."""
@@ -116,7 +89,10 @@ def quiet_choices():
         for share, amplifier in [(3, ""), (7, ""), (15, ""), (7, AMPLIFIER)]:
             scene = scene_of(name)
             scene = hit_by(scene, f"force_rms_limit_n = {share / 100 * key_of(scene, 'push_n'):.5f}")
-            yield name, f"{share} %", "1 kHz" if amplifier else "none", *dial_in(study("SCENE.toml --repeat 1", scene + amplifier))
+            found = study("SCENE.toml --repeat 1", scene + amplifier)["recommended"]
+            yield (name, f"{share} %", "1 kHz" if amplifier else "none", f"**{found['cutoff_hz']:g} Hz**",
+                   "{:g} to {:g} Hz".format(*found["range_hz"]), f"{found['stiffness_n_per_m'] / 1e3:g} kN/m",
+                   mega(found["area_n2_s_per_m2"]))
 
 
 def encoder_scenes():
@@ -124,11 +100,9 @@ def encoder_scenes():
     for device, name in [("the paper's, its loop", "paper-1um"), ("the paper's, on a NUCLEO-F446RE", "nucleo-f446re")]:
         for microns in ("0.5", "1", "2", "5", "10"):
             yield device, f"{microns} um", scene_of(name, resolution_m=f"{microns}e-6")
-    turned = {"counts_per_turn": 4000, "encoder_on": '"motor"'}
-    for device, name, changes in [
-            ("knob like SmartKnob", "smartknob", {"counts_per_turn": 4000}), ("Hapkit", "hapkit", turned),
-            ("Rice haptic paddle", "rice-paddle", turned), ("EPFL haptic paddle", "epfl-paddle", turned)]:
-        scene = scene_of(name, **changes)
+    for device, name in [("knob like SmartKnob", "smartknob"), ("Hapkit", "hapkit"), ("Rice haptic paddle", "rice-paddle"),
+                         ("EPFL haptic paddle", "epfl-paddle")]:
+        scene = scene_of(name, counts_per_turn=4000, **({} if name == "smartknob" else {"encoder_on": '"motor"'}))
         ratio = key_of(scene, "ratio")
         yield device, "4,000 counts a turn, " + ("direct drive" if ratio == 1 else f"motor geared {ratio:.1f}:1"), scene
 
@@ -139,92 +113,10 @@ def make_encoders():
     body = []
     for device, encoder, scene in encoder_scenes():
         found = study("SCENE.toml --repeat 1", scene)["recommended"]
-        low, high = found["range_hz"]
         per, unit = ("n_m_per_rad", "N m/rad") if "[rotary]" in scene else ("n_per_m", "N/m")
-        body.append({"device": device, "encoder": encoder, "cutoff_hz": found["cutoff_hz"], "low_hz": low, "high_hz": high, "unit": unit,
+        body.append({"device": device, "encoder": encoder, **dialled(found), "unit": unit,
                      "stiffness": found[f"stiffness_{per}"], "damping": found[f"damping_{per.replace('_per', '_s_per')}"]})
     return body
-
-
-@block("device", "encoder", "dial in", "as good", "stiffest wall, K", "its B")
-def encoders():
-    """The cutoff to dial in and the stiffest wall with encoders of other resolutions."""
-    for r in rows("encoders.csv"):
-        k, b = float(r["stiffness"]), float(r["damping"])
-        wall = (f"{k / 1e3:g} kN/m", f"{b:g} N s/m") if r["unit"] == "N/m" else (f"{k:.3g} N m/rad", f"{1e3 * b:.3g} mN m s/rad")
-        yield r["device"], r["encoder"], f"**{float(r['cutoff_hz']):g} Hz**", f"{hz_range([r['low_hz'], r['high_hz']])} Hz", *wall
-
-
-@block("scene", "cutoff", "B", "constant push, K", "press", "taps", "hand")
-def quiet_protocols():
-    """The stiffest quiet wall of ready scenes, tried in other ways."""
-    for name in ("paper-1um", "paper-2um", "nucleo-f446re", "discovery-f407"):
-        found = study(f"{name} --repeat 1")["recommended"]
-        held = {row["protocol"]: row["stiffness_n_per_m"] for row in found["protocols"]}
-        walls = [found["stiffness_n_per_m"], *(held[protocol] for protocol in ("press", "taps", "hand"))]
-        yield (name, f"{found['cutoff_hz']:g} Hz", f"{found['damping_n_s_per_m']:g} N s/m",
-               *("none" if wall is None else f"{significant(wall / 1e3, 2)} kN/m" for wall in walls))
-
-
-@block("choice", "1 um encoder", "2 um encoder")
-def device_choices():
-    """Each cell a sweep of its own, or a variant of `--sensitivity`."""
-    devices = ["paper-1um", "paper-2um"]
-    studies = [study(f"{name} --sensitivity") for name in devices]
-
-    def cell(result, last=4000.0):
-        low, high = result["ideal_cutoff_range_hz"]
-        return (f"{low:g}" if low == high else hz_range((low, high))) + (" (the highest that was tried)" if high == last else "")
-
-    def variant(name):
-        return [cell(next(v for v in found["sensitivity"] if v["name"] == name)) for found in studies]
-
-    def own(arguments, scenes):
-        found = [study(f"SCENE.toml {arguments}", scene) for scene in scenes]
-        return [cell(result, result["cutoffs"][-1]["cutoff_hz"]) for result in found]
-
-    fine = [scene_of(name, stiffness_step_n_per_m=500, damping_step_n_s_per_m=5, rms_limit_m="1e-6") for name in devices]
-    return [
-        ["**the paper**, simulated (its Figure 7)", "no gain above 2000", "1700"],
-        ["**the paper**, measured (its Figure 8)", "no gain above 2000", "1500"],
-        ["**quiet walls**, to be dialled in", *(hz_range(found["recommended"]["range_hz"]) for found in studies)],
-        ["as the paper: RMS limit 15 um, latency 10 samples, push by the motor, wall that never pulls", *map(cell, studies)],
-        ["RMS limit 30 um", *variant("rms_limit_double")],
-        ["RMS limit 5 um", *variant("rms_limit_third")],
-        ["RMS limit 1 um, steps of 500 N/m and 5 N s/m, `--cutoffs 100:100:1000`", *own("--cutoffs 100:100:1000", fine)],
-        ["a hand pushes, with a constant force of the same 2.835 N",
-         *own("", [hit_by(scene_of(name), 'push_by = "hand"') for name in devices])],
-        ["latency 5 samples", *variant("latency_half")],
-        ["latency 20 samples", *variant("latency_double")],
-        ["an output every 5 samples", *variant("output_rate_double")],
-        ["the wall may pull", *variant("push_only_flipped")],
-        ["slower impact (start at 35 mm)", *variant("slower_impact")],
-    ]
-
-
-# The loop against the linear one
-def by_damping(arguments, key="rows"):
-    return {r["damping_n_s_per_m"]: r for r in sim(f"linear {arguments} --multirate")[key]}
-
-
-@block("B, N s/m", "linear, as it runs, N/m", "simulated, 1 um, N/m", "2 um, N/m")
-def theory_boundaries():
-    words = "--cutoffs 1500 --dampings 0:50:600"
-    lines = by_damping(f"paper-1um {words}")
-    walked = [by_damping(f"{name} {words} --simulated", "simulated") for name in ("paper-1um", "paper-2um")]
-    for b in (50, 100, 200, 300, 400, 600):
-        yield b, number(lines[b]["stiffness_max_n_per_m"], 0), *(number(walk[b]["stiffness_n_per_m"], 0) for walk in walked)
-
-
-@block("the paper's device at 500 Hz, as it runs", "passive", "linearly stable", "ratio")
-def theory_passive():
-    by = by_damping("paper-1um --cutoffs 500 --dampings 0:0.05:400 --passivity")
-    keys = ("stiffness_passive_n_per_m", "stiffness_max_n_per_m")
-    passive, stable = (max(r[key] for r in by.values()) / 1e3 for key in keys)
-    narrow, wide = (max(b for b, r in by.items() if r[key] > 0) for key in keys)
-    yield "K at B = 0, N/m", *(number(by[0.0][key], 0) for key in keys), ""
-    yield "largest K, kN/m", significant(passive, 3), significant(stable, 3), significant(stable / passive, 3)
-    yield "largest B, N s/m (steps of 0.05)", significant(narrow, 3), significant(wide, 3), significant(wide / narrow, 2)
 
 
 @block("wall", "no amplifier", "5 kHz", "3 kHz", "2 kHz", "1 kHz", right=range(1, 6))
@@ -243,17 +135,11 @@ def theory_oscillation():
     for case, rate, known in [
             ("oscillation starts, 10 kHz, B = 0, no latency", "10000", r"\[\(1e4, ([\d_.]+)\), \(1e3, [\d_.]+\)\]"),
             ("the same at 1 kHz", "1000", r"\[\(1e4, [\d_.]+\), \(1e3, ([\d_.]+)\)\]")]:
-        loops = [" to ".join(m(f"host/closed_loop/{rate}/{kind}_{end}", 1) for end in ("below", "above")) for kind in ("Fixed", "F64")]
+        loops = [" to ".join(number(value(f"host/closed_loop/{rate}/{kind}_{end}"), 1) for end in ("below", "above"))
+                 for kind in ("Fixed", "F64")]
         yield case, number(lit("tests/host/closed_loop.rs", known), 1), *loops
 
 
-@block()
-def stored(file):
-    """A stored table as it stands."""
-    return table(list(rows(file)[0]), [r.values() for r in rows(file)])
-
-
-# The passivity controller beside the plain wall
 @block()
 def passivity(scene):
     found = sim(f"passivity {scene}")
@@ -270,10 +156,143 @@ def passivity(scene):
     return table(head, body, right=(2, 4, 5, 6, 7))
 
 
-@block("length, s", "controller", "most given, mJ", "by motion, mJ", "fed by the hum, mW", "withheld, %", "most, %", "sag",
-       right=(0, 2, 3, 4, 5, 6, 7))
-def passivity_lengths():
-    scales = {"given_j": 1e3, "given_by_motion_j": 1e3, "fed_w": 1e3, "withheld_fraction": 100, "withheld_most_fraction": 100}
-    for row in sim("passivity paper-1um --cutoffs 1500 --limits 15e-6 --repeat 1 --settle 4,30,120,600")["lengths"]:
-        yield (number(row["settle_s"]), "with" if row["controller"] else "without",
-               *(significant(scale * row[key], 2) for key, scale in scales.items()), significant(row["sag"], 3))
+@block("largest K, N/mm", *(f"output at {rate} Hz" for rate in ("250", "1000", "5000", "10,000", "40,000")), "last over first")
+def criteria_people():
+    """Largest K of a spring alone by rate of the output, of an estimated device, beside what people called clean."""
+    yield "people, published", "0.325", "", "", "", "0.904", "2.8"
+    told = (ROOT / "docs/data/choi-tan.toml").read_text()
+    for name, text in {"rigid, no lag": without(told, "amplifier"), "force lags by 1.6 ms (100 Hz)": told}.items():
+        for criterion in ("quiet", "felt"):
+            scenes = [text.replace("period = 160", f"period = {period}") for period in (160, 40, 8, 4, 1)]
+            peaks = [sim(f"walk SCENE.toml --criterion {criterion}", scene)["stiffness_peak_n_per_m"] for scene in scenes]
+            yield f"{name}, `{criterion}`", *(f"{1e-3 * peak:.3g}" for peak in peaks), significant(peaks[-1] / peaks[0], 2)
+
+
+DEVICES = ["epfl-paddle", "rice-paddle", "hapkit", "smartknob", "nucleo-f446re", "discovery-f407"]
+ESTIMATORS = "butterworth,first-order,tracking-loop,kalman-3,levant-explicit"
+SWEEPS = "devices-sweeps.csv"
+# From examples/ to a board that holds a wall, builds included.
+TUTORIAL_SECONDS = 600
+
+
+def times(text, key, factor):
+    """The scene with that key's number times a factor."""
+    changed, n = re.subn(rf"(?m)^({key} = )([0-9.e-]+)", lambda found: f"{found[1]}{float(found[2]) * factor:g}", text)
+    assert n == 1, (key, n)
+    return changed
+
+
+def without(text, name):
+    """The scene without that table, and without the list of estimated keys, which may name it."""
+    text = re.sub(r"(?ms)^estimated = \[.*?^\]\n", "", text)
+    return re.sub(rf"(?ms)^\[{name}\]\n.*?(?=^\[|\Z)", "", text)
+
+
+def changes(text):
+    """What could limit a device's walls: the scene with one thing changed."""
+    rotary = "[rotary]" in text
+    yield "encoder four times finer", times(text, *(("counts_per_turn", 4) if rotary else ("resolution_m", 0.25)))
+    yield "an output for every sample", times(text, "period", 0.1).replace("period = 1.0", "period = 1")
+    yield "no latency", times(text, "latency", 0)
+    yield "twice the force", times(text, "supply_v" if "supply_v =" in text else "limit_v", 2)
+    if "[amplifier]" in text:
+        yield "no lag of the amplifier", without(text, "amplifier")
+    if "[friction]" in text:
+        yield "no friction", without(without(text, "friction"), "integrator")
+
+
+def swept(scene, changed, text):
+    """What a sweep answers for that scene, in the units of the scene: by quiet walls, and by the scene's own criterion."""
+    told = sim("sweep SCENE.toml --repeat 2", text)["scenes"][0]
+    found = told["recommended"] or {}
+    answer = {**found, **found.get("free_motion", {})}
+    def value(words):
+        return next((value for key, value in answer.items() if key.startswith(words)), "")
+    low, high = found.get("range_hz", ("", ""))
+    own_low, own_high = told["ideal_cutoff_range_hz"] or ("", "")
+    return {"scene": scene, "changed": changed, "cutoff_hz": value("cutoff_hz"), "low_hz": low, "high_hz": high,
+            "stiffness": value("stiffness"), "damping_max": value("damping_max"), "area": value("area"),
+            "is_capped": int(value("is_capped") or 0), "inertia": value("inertia") or value("mass"),
+            "friction": value("friction"), "own_low_hz": own_low, "own_high_hz": own_high}
+
+
+@long("devices-sweeps")
+def make_sweeps():
+    """Each scene swept, as it is and with one thing changed."""
+    return [swept(scene, changed, text) for scene in DEVICES
+            for changed, text in [("", scene_of(scene)), *changes(scene_of(scene))]]
+
+
+@long("devices")
+def make_best():
+    """The best of five estimators of each scene."""
+    body = []
+    for scene in DEVICES:
+        compared = sim(f"compare SCENE.toml --estimators {ESTIMATORS} --budget 16 --out compare", scene_of(scene))
+        areas = {r["estimator"]: next(value for key, value in r.items() if key.startswith("area_n")) for r in compared["estimators"]}
+        best = max(areas, key=areas.get)
+        body.append({"scene": scene, "best": best, "best_times_butterworth": areas[best] / areas["butterworth"]})
+    return body
+
+
+@block()
+def devices_limits():
+    body, shown = [], list(dict.fromkeys(r["changed"] for r in rows(SWEEPS) if r["changed"]))
+    for scene in DEVICES:
+        found = {r["changed"]: r for r in rows(SWEEPS) if r["scene"] == scene}
+        areas = {name: float(r["area"]) for name, r in found.items() if r["area"]}
+        limit = max(areas, key=areas.get)
+        def cell(name):
+            if name not in areas:
+                return "no quiet wall" if name in found else ""
+            cut = "~ " if int(found[""]["is_capped"]) else "> " if int(found[name]["is_capped"]) else ""
+            return f"{cut}{significant(areas[name] / areas[''], 3)}{' (most)' if name == limit else ''}"
+        body.append([f"`{scene}`", *map(cell, shown)])
+    return table(["scene", *shown], body)
+
+
+@long("tutorial")
+def timed_tutorial():
+    """The tutorial's commands, typed as they stand, with nothing built before."""
+    begun, commands.SECONDS = time.monotonic(), TUTORIAL_SECONDS
+    with tempfile.TemporaryDirectory() as empty:
+        os.environ["CARGO_TARGET_DIR"] = empty
+        failed = commands.run("docs/tutorial.md")
+    seconds = time.monotonic() - begun
+    if failed or seconds > TUTORIAL_SECONDS:
+        raise SystemExit("\n".join(["error: the tutorial", *failed, f"took {seconds:.0f} s, {TUTORIAL_SECONDS} are allowed"]))
+    return [{"cores": len(os.sched_getaffinity(0)), "seconds": f"{seconds:.0f}"}]
+
+
+# Of hits, by cutoffs, K and B. The walls are spread over the same ranges, so that as many of them are stable.
+SIZES = {10**3: (10, 10, 10), 10**4: (10, 40, 25), 10**5: (10, 100, 100), 10**6: (10, 400, 250)}
+ALLOWED_S = 180
+
+
+def spread(n, low, high):
+    return [low + (high - low) * i / (n - 1) for i in range(n)]
+
+
+@long("hits")
+def timed_hits():
+    """Studies of single hits, each size in a folder of its own: what a user waits for, the folder written and flushed."""
+    program, body = programs() / "host-sim", []
+    for hits, (cutoffs, stiffnesses, dampings) in SIZES.items():
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "hits.toml").write_text(f"""measure = "hit"
+scenes = ["paper-2um"]
+cutoffs_hz = {spread(cutoffs, 300, 3000)}
+stiffnesses = {spread(stiffnesses, 1e3, 100e3)}
+dampings = {spread(dampings, 0, 300)}
+""")
+            begun, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
+            subprocess.run([program, "study", "hits.toml", "--out", "hits"], cwd=folder, stdout=subprocess.PIPE, check=True)
+            seconds, after = time.monotonic() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+            busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            size = sum(path.stat().st_size for path in Path(folder, "hits").rglob("*") if path.is_file())
+        body.append({"hits": hits, "cores": len(os.sched_getaffinity(0)), "seconds": f"{seconds:.3f}", "busy_s": f"{busy:.3f}",
+                     "bytes": size})
+        print(body[-1], flush=True)
+    if seconds > ALLOWED_S:
+        raise SystemExit(f"error: {hits} hits took {seconds:.0f} s, {ALLOWED_S} are allowed")
+    return body

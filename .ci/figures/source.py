@@ -4,6 +4,7 @@ import csv
 import functools
 import json
 import math
+import os
 import re
 import shutil
 import subprocess
@@ -72,18 +73,12 @@ def grouped(found, *keys):
     return groups
 
 
-@functools.cache
-def constant(path, pattern):
-    """What the group of the pattern matches in a source file, in one place of it."""
+def lit(path, pattern):
+    """The number that the group of the pattern matches in a source file, in one place of it."""
     found = re.findall(pattern, (ROOT / path).read_text())
     if len(found) != 1:
         raise SystemExit(f"error: {path} has {len(found)} places like {pattern}")
-    return found[0]
-
-
-def lit(path, pattern):
-    """A number of the source."""
-    return float(constant(path, pattern).replace("_", ""))
+    return float(found[0].replace("_", ""))
 
 
 # Commands of minutes, as docs/data/made.csv has them: NAME, and of each file that a command writes where it is stored;
@@ -129,7 +124,7 @@ def said(arguments, scene=None, wrote=None):
     with tempfile.TemporaryDirectory() as folder:
         if scene:
             (Path(folder) / "SCENE.toml").write_text(scene)
-        ran = shell(f"{programs()}/host-sim {arguments}", folder)
+        ran = shell(f"{programs()}/host-sim {arguments}", folder, env=os.environ | {"ROOT": str(ROOT)})
         if ran.returncode:
             raise SystemExit(f"error: cargo sim {arguments}: {ran.stderr}")
         return (Path(folder) / wrote).read_text() if wrote else ran.stdout
@@ -152,11 +147,6 @@ def measured(key):
 def value(key):
     """The same as a number."""
     return float(measured(key))
-
-
-def m(key, digits=None, scale=1.0):
-    """The same as the pages write it."""
-    return number(value(key) * scale, digits)
 
 
 def number(value, digits=None):
@@ -258,82 +248,34 @@ BOARDS = ["nucleo-f446re", "discovery-f407"]
 CLASSES = ["no_effect", "bounded", "off_in_time", "off_late", "unnoticed"]
 
 
-# So many random flips at a time; what is done is kept below target until all of them are.
-CHUNK = 2000
-
-
-def said_once(name, command):
-    """What a campaign prints with --json; that it found something wrong does not stop it. Kept in target/campaign/COMMIT,
-    so that a longer one goes on where it was ended."""
-    path = ROOT / "target/campaign" / commit().rstrip("+") / f"{name}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not path.exists():
-        ran = subprocess.run(f"{command} --json", shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
-        if not ran.stdout:
-            raise SystemExit(ran.returncode)
-        told = json.JSONDecoder().raw_decode(ran.stdout)[0]  # an error may follow
-        path.with_suffix(".new").write_text(json.dumps(told))
-        path.with_suffix(".new").rename(path)
-    return json.loads(path.read_text())
-
-
-def flips_in_parts(command, option):
-    """What it says of so many flips of each board."""
-    flips = int(re.search(rf"--{option} (\d+)", command)[1])
-    command = command.replace(f" --{option} {flips}", "").replace(" --rows none", "")
-    return [said_once(f"{option}-{board}-{first}",
-                      f"{command} --board {board} --rows none --first {first} --{option} {min(CHUNK, flips - first)}")
-            for first in range(0, flips, CHUNK) for board in BOARDS]
-
-
-def summed(flips, part, counts, ends, largest=()):
-    """How flips ended, by board and part: sums of these ends in `counts`, and the largest of some values."""
-    sums = {(board, row[part] or "all"): dict.fromkeys([*ends, *largest], 0) for board in BOARDS for row in flips if row["board"] == board}
-    for row in flips:
-        total = sums[row["board"], row[part] or "all"]
-        total.update({name: total[name] + row[counts].get(name, 0) for name in ends})
-        total.update({name: max(total[name], row[name]) for name in largest})
-    return [{"board": board, part: of, **total} for (board, of), total in sums.items()]
-
-
-def share_of(row, name, ends):
-    """Wilson's 95 % interval of the share that ended so."""
-    trials, z = max(sum(row[end] for end in ends), 1), 1.96
-    share, whole = row[name] / trials, 1 + z * z / trials
-    middle = (share + z * z / (2 * trials)) / whole
-    half = z / whole * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
-    return {f"{name}_low": max(middle - half, 0.0), f"{name}_high": min(middle + half, 1.0)}
-
-
-def campaign(command, files):
-    """Runs a campaign of faults and stores named rows, regions of random flips, and the flips that were late or stayed."""
-    named = said_once("rows", re.sub(r" --random \d+", "", command))["rows"]
-    parts = flips_in_parts(command, "random")
-    left = [row for part in parts for row in part["rows"] if row["class"] in CLASSES[3:]]
-    left.sort(key=lambda row: BOARDS.index(row["board"]))
-    regions = summed([row for part in parts for row in part["random"]], "region", "counts", CLASSES)
-    columns = ["board", "name", "situation", "class", "off_s", "speed_m_per_s", "travel_m", "code"]
-    store(files["rows"], named, [*columns, "reason"])
-    store(files["random"], [{**row, **share_of(row, "off_late", CLASSES), **share_of(row, "unnoticed", CLASSES)} for row in regions])
-    store(files["left"], left, [*columns, "region"])
-
-
-# Ends of a flip in the program in flash, in the order of `cargo board campaign`.
+# Ends of a flip in the program in flash, in the same order.
 ENDS = ["harmless", "wrong", "other", "late", "unnoticed"]
 
 
-def campaign_image(command, files):
-    """Runs a campaign of flips in flash and stores how they ended, by board and part."""
-    flips = [row for told in flips_in_parts(command, "image") for row in told["image"]]
-    body = summed(flips, "part", "ends", ENDS, ("wrong_s", "speed_m_per_s", "off_s"))
-    store(files["image"], [{**row, **share_of(row, "wrong", ENDS)} for row in body])
+def campaign(command, files):
+    """Runs a campaign of faults and stores what it says of each kind that has a file."""
+    def ended(row, counts, ends, *shares):
+        """How flips ended, with 95 % intervals of these shares."""
+        intervals = {f"{name}_{end}": value for name in shares for end, value in zip(("low", "high"), row[name][1:])}
+        return {**row, **{end: row[counts].get(end, 0) for end in ends}, **intervals}
 
-
-def campaign_sample(command, files):
-    """Flips the bits that `sample` keeps, and stores how they ended, by board and setup."""
-    told = [row for board in BOARDS for row in said_once(f"sample-{board}", f"{command} --board {board}")["sample_bits"]]
-    body = [{**row, **{name: row["counts"].get(name, 0) for name in CLASSES}} for row in told]
-    store(files["sample"], body, ["board", "setup", "flips", *CLASSES])
+    ran = subprocess.run(f"{command} --json", shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+    if not ran.stdout:
+        raise SystemExit(ran.returncode)
+    # That it found something wrong does not stop it: an error may follow.
+    told = json.JSONDecoder().raw_decode(ran.stdout)[0]
+    columns = ["board", "name", "situation", "class", "off_s", "speed_m_per_s", "travel_m", "code"]
+    tables = {
+        "rows": ([row for row in told["rows"] if not row["region"]], [*columns, "reason"]),
+        "left": ([row for row in told["rows"] if row["region"] and row["class"] in CLASSES[3:]], [*columns, "region"]),
+        "random": ([ended(row, "counts", CLASSES, "off_late", "unnoticed") | {"region": row["region"] or "all"} for row in told["random"]],
+                   ["board", "region", *CLASSES, "off_late_low", "off_late_high", "unnoticed_low", "unnoticed_high"]),
+        "image": ([ended(row, "ends", ENDS, "wrong") | {"part": row["part"] or "all"} for row in told["image"]],
+                  ["board", "part", *ENDS, "wrong_s", "speed_m_per_s", "off_s", "wrong_low", "wrong_high"]),
+        "sample": ([ended(row, "counts", CLASSES) for row in told["sample_bits"]], ["board", "setup", "flips", *CLASSES]),
+    }
+    for kind, name in files.items():
+        store(name, *tables[kind])
 
 
 def run_long(name):
@@ -344,8 +286,7 @@ def run_long(name):
     elif command.startswith("cargo board walk"):
         subprocess.run(f"{command} --force --csv {DATA / files['csv']}", shell=True, cwd=ROOT, check=True)
     elif command.startswith("cargo board"):
-        kind = {"--random": campaign, "--image": campaign_image, "--sample-bits": campaign_sample}
-        next(kind[option] for option in kind if option in command)(command, files)
+        campaign(command, files)
     else:
         simulated(command, files)
     note_made(files.values())
