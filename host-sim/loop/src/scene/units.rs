@@ -178,7 +178,8 @@ impl Units {
     }
 
     /// Writes a value at the handle as text for people, with three digits and a unit. `unit` is the linear unit. A unit
-    /// that begins with N gets a prefix. Other large and small numbers have an exponent.
+    /// that begins with N gets a prefix, and a thousand um or mdeg are 1 mm or 1 deg. Other large and small numbers have
+    /// an exponent.
     pub fn said(self, at_handle: f64, unit: &'static str) -> String {
         let (unit, factor) = self.written(unit);
         let value = rounded(at_handle * factor, DIGITS_READ);
@@ -192,6 +193,11 @@ impl Units {
             };
             return format!("{} {prefix}{unit}", rounded(value * times, DIGITS_READ));
         }
+        let (value, unit) = match unit {
+            "um" | "µm" if value.abs() >= 1e3 => (rounded(value * 1e-3, DIGITS_READ), "mm"),
+            "mdeg" if value.abs() >= 1e3 => (rounded(value * 1e-3, DIGITS_READ), "deg"),
+            _ => (value, unit),
+        };
         match value.abs() {
             v if v >= 1e5 || (v > 0.0 && v < 1e-3) => format!("{value:e} {unit}"),
             _ => format!("{value} {unit}"),
@@ -322,6 +328,7 @@ mod tests {
     fn a_number_in_a_sentence_has_three_digits_and_its_unit_with_a_prefix() {
         for (at_handle, unit, linear, rotary) in [
             (0.25, "um", "0.25 um", "0.0573 mdeg"),
+            (50_000.0, "um", "50 mm", "11.5 deg"),
             (1.0 / 3.0, "mm", "0.333 mm", "0.0764 deg"),
             (11.812, "N", "11.8 N", "2.95 N m"),
             (0.05906, "N", "59.1 mN", "14.8 mN m"),

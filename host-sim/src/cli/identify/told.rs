@@ -159,8 +159,7 @@ pub(super) fn table(
         );
     }
     let residual = &found.residual;
-    let rms = units.text(&format!("{:.3} um RMS", residual.rms_m * 1e6));
-    let _ = write!(text, "\nresidual {rms}");
+    let _ = write!(text, "\nresidual {} RMS", units.said(residual.rms_m * 1e6, "um"));
     let white = if residual.is_white() { "white" } else { "not white" };
     if let (Some(rms), Some(noise)) = (residual.rms_counts, residual.noise_counts) {
         let _ = write!(text, " = {rms:.3} counts");
