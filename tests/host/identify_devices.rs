@@ -534,6 +534,13 @@ fn friction_that_no_record_can_show_is_inside_the_intervals() {
     }
 }
 
+/// The handle passes more than half a cycle of the encoder's error between two rows, but at varying speeds.
+#[test]
+fn a_cycle_shorter_than_two_rows_is_found_where_the_speed_varies() {
+    let counts = campaign(89..90, true);
+    assert_eq!((counts.missed, counts.parameters), (0, [4, 4]), "{counts:?}");
+}
+
 #[test]
 fn a_few_random_devices_are_inside_their_intervals() {
     holds(&campaign(100..108, true));

@@ -33,8 +33,10 @@ const MOVING: f64 = 0.05;
 const BLOCK: usize = 128;
 /// Smallest number of blocks in motion with which the coherence is measured. With fewer blocks it is set to 1.
 const FEWEST_BLOCKS: usize = 4;
-/// Smallest coherence of a residual that is bound by quantisation. The noise is then below 0.28 counts RMS.
+/// Smallest coherence of a residual that is bound by quantisation. The noise is then below [`HIDES`].
 const BOUND: f64 = 0.2;
+/// Noise, in counts RMS, that hides the sawtooth of the quantiser.
+const HIDES: f64 = 0.28;
 /// A residual counts as bound by quantisation only if its squared coherence is at least `CERTAIN` standard errors above
 /// 0.
 const CERTAIN: f64 = 4.0;
@@ -154,6 +156,11 @@ impl Residual {
     pub fn is_bound_by_quantisation(&self) -> bool {
         let squared = self.coherence.powi(2);
         squared >= BOUND.powi(2).max(CERTAIN * self.coherence_squared_error)
+    }
+
+    /// Whether the residual is too large for quantisation alone.
+    pub(super) fn hides_quantisation(&self) -> bool {
+        self.noise_counts.is_some_and(|noise| noise > HIDES)
     }
 
     /// Squared share that harmonic h of the sawtooth has in the residual. To be safe, two standard errors are added to

@@ -13,7 +13,7 @@ use statrs::distribution::{ContinuousCDF as _, Normal};
 use super::{
     Options, checks,
     confidence::{self, Estimate, Estimates, Hidden, standard_error},
-    cycle,
+    cycle::{self, Cycles},
     fit::{self, Fitted, Problem, Solution},
     guess,
     layout::{Included, Layout, Parameter, Values},
@@ -371,7 +371,9 @@ impl Search<'_> {
     fn with_phase(&self, before: &Model, likely: bool) -> Option<Model> {
         // At constant speed, the quantiser's sawtooth also gives lines in the spectrum over the position.
         let residual = &before.weighed.found;
-        let is_quantised = residual.is_bound_by_quantisation() && self.is_explained(before);
+        let is_quantised = residual.is_bound_by_quantisation()
+            && self.is_explained(before)
+            && !residual.hides_quantisation();
         if likely && (is_quantised || self.weighting.is_force()) {
             return None;
         }
@@ -659,7 +661,8 @@ impl Search<'_> {
     /// Finds the strongest line in the spectrum of the residual over the position.
     fn of_encoder(&self, model: &Model) -> Option<cycle::Line> {
         let residual = (model.solution.residual_m.as_slice(), model.weighed.unit_m);
-        cycle::strongest(self.records, residual, self.options.cycle_m)
+        let cycles = self.options.cycle_m.map_or(Cycles::All, Cycles::Known);
+        cycle::strongest(self.records, residual, cycles)
     }
 
     /// Finds the strongest line in the spectrum of the missing force over the position. Several strides are tried. A
@@ -678,7 +681,7 @@ impl Search<'_> {
                 own.resize(piece.residual.len(), 0.0);
                 forces.extend(own);
             }
-            cycle::strongest(self.records, (&forces, model.weighed.unit_m), None)
+            cycle::strongest(self.records, (&forces, model.weighed.unit_m), Cycles::Long)
         });
         lines.max_by(|a, b| a.strength.total_cmp(&b.strength))
     }
