@@ -122,7 +122,8 @@ impl<W: Width> Sampler<W> {
         self.near(self.sample)
     }
 
-    /// Full number of a sample, from its low 32 bits `number`. It is the number nearest to the next due sample.
+    /// Full number of a sample. `number` is the low half of the full number, 32 bits. Of all numbers with this low
+    /// half, the result is the number nearest to the next due sample.
     #[inline(always)]
     const fn near(&self, number: u32) -> u64 {
         let since = number.wrapping_sub(self.due);
@@ -238,8 +239,8 @@ impl LoopParameters {
             && (wall, actuator, period) == (&other.wall, &other.actuator, &other.period)
     }
 
-    /// Computes the output for `motion`. Its force is `push`, which is positive into the wall, minus the wall's force.
-    /// Both together are limited to the range of the actuator.
+    /// Computes the output for `motion`. The output's force is `push` minus the wall's force, limited to the range of
+    /// the actuator. A positive `push` points into the wall.
     #[inline]
     pub fn render(&self, motion: Motion, push: Force) -> Drive {
         let wall = self.wall.demand(motion.position, motion.velocity);

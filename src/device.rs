@@ -37,7 +37,8 @@ pub struct Device<'a> {
     pub key: DeviceKey,
     /// Hash of the scene.
     pub scene_hash: u32,
-    /// Fixed data. A calibration may replace the force at full command. A setting may replace the output period.
+    /// Fixed data. Two of its values can be replaced: the force at full command by a calibrated force, the output
+    /// period by a setting.
     pub design: Design,
     /// Time from the reading of the counter to the force, in samples.
     pub latency_samples: f64,

@@ -19,8 +19,9 @@ use crate::{
     spectrum,
 };
 
-/// Number of rows in a spectrum. `PHASE_ROWS` is the number of rows in a phase plane.
+/// Number of rows in a spectrum.
 const SPECTRUM_ROWS: u16 = 8192;
+/// Number of rows in a phase plane.
 const PHASE_ROWS: u64 = 2048;
 const BANDS: u32 = 240;
 
@@ -63,8 +64,9 @@ pub fn rows_of(history: &History, scale: &Scale, span_s: f64) -> u64 {
     (span_s * scale.rate_hz / history.step() as f64).ceil() as u64
 }
 
-/// The smallest and largest values in each column. The message begins with a head of 32 bytes: 1, columns, first row,
-/// rows per column, samples per row. Then come six arrays of f32, and the flags as f32.
+/// The smallest and largest values in each column. The message begins with a head of 32 bytes. The head has the
+/// message's kind, which is 1, and the number of columns, as u32. Then it has the first row, the rows per column and the
+/// samples per row, as f64. After the head come six arrays of f32, and the flags as f32.
 pub fn curves(history: &History, scale: &Scale, view: &View) -> Vec<u8> {
     let rows = rows_of(history, scale, view.span_s);
     let stride = History::stride(rows, view.columns);
@@ -90,8 +92,9 @@ pub fn curves(history: &History, scale: &Scale, view: &View) -> Vec<u8> {
     bytes
 }
 
-/// The amplitudes of velocity and force before the row `end`. The message begins with a head: 2, number of pairs for
-/// velocity, number of pairs for force, 0. Then come pairs of frequency and amplitude.
+/// The amplitudes of velocity and force before the row `end`. The message begins with a head of four u32: the message's
+/// kind, which is 2, the number of pairs for velocity, the number of pairs for force, and 0. After the head come pairs
+/// of frequency and amplitude.
 pub fn spectra(history: &History, scale: &Scale, end: Option<u64>) -> Option<Vec<u8>> {
     let end = end.unwrap_or(history.rows()[1]);
     let bins = history.bins(end.checked_sub(SPECTRUM_ROWS.into())?, 1, SPECTRUM_ROWS.into());
@@ -116,7 +119,8 @@ pub fn spectra(history: &History, scale: &Scale, end: Option<u64>) -> Option<Vec
     Some(bytes)
 }
 
-/// The last positions and velocities. The message begins with a head: 3, number of points. Then come both arrays.
+/// The last positions and velocities. The message begins with a head of two u32: the message's kind, which is 3, and
+/// the number of points. After the head come both arrays.
 pub fn phase(history: &History, scale: &Scale, end: Option<u64>) -> Vec<u8> {
     let [begin, newest] = history.rows();
     let end = end.unwrap_or(newest);

@@ -38,7 +38,8 @@ impl RmsLimit {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RunningVariance {
     samples: u32,
-    /// The first position. The sums are over the differences from it, because these stay small.
+    /// The first position. The sums are over the differences of all positions from this first position. These
+    /// differences stay small.
     origin: i32,
     sum: i64,
     sum_of_squares: u128,

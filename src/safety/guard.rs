@@ -159,7 +159,7 @@ impl<W: Width> GuardedSampler<W> {
 
     /// Takes a reading of the encoder counter. Call it once per sample, at a constant rate, with the newest
     /// [`GuardCommand`] as `down`. `senses` are the board's other senses. The force of `down` replaces the force in
-    /// them. `guard` are the findings so far. If this call changes them, [`Step::told`] is set.
+    /// `senses`. `guard` has the findings so far. If this call changes `guard`, [`Step::told`] is set.
     ///
     /// At a due sample, the output of the due sample before it must be finished. If `down.rendered` shows that this
     /// output is not finished, the output is late by a period.
@@ -196,8 +196,8 @@ impl<W: Width> GuardedSampler<W> {
 
     /// The second stage of [`step`](Self::step): finds faults.
     ///
-    /// The caller must handle each result in its own branch. If the branches joined again, each would load the numbers
-    /// of all of them, and a quiet sample would take longer.
+    /// The caller must handle each result in its own branch. If the branches joined again, each branch would load the
+    /// values of all branches, and a quiet sample would take longer.
     #[inline(always)]
     pub fn judge(
         &mut self,
@@ -299,7 +299,7 @@ impl<W: Width> GuardedSampler<W> {
 /// The faults that the motion of a single sample can show.
 const OF_MOTION: FaultSet = FaultSet::EMPTY.with(Fault::CountJump).with(Fault::OverSpeed);
 
-/// Makes the code below read its numbers from memory again, so that they occupy no register until then.
+/// Makes the code after this call read values from memory again. So these values occupy no register before the call.
 #[inline(always)]
 fn read_anew() {
     compiler_fence(SeqCst);

@@ -127,10 +127,11 @@ impl<'a> Envelope<'a> {
 
     /// Checks that the wall with K = `k` N/m and B = `b` N s/m is predicted to be stable.
     ///
-    /// Between two points of the table, a K is allowed if both points allow it. No line is drawn between them. Below
-    /// the first B the limit is the line from K = 0 at B = 0 to the first point. The boundary there is on or above this
-    /// line, because K rises from at least 0 with a falling slope. If the lowest K of the first point is above 0, no
-    /// wall with a smaller B is known to be stable. A wall without K and B exerts no force and is always allowed.
+    /// Between two points of the table, a K is allowed if both points allow it. No line is drawn between the points. If
+    /// B is below the B of the first point, the limit is a straight line. This line goes from K = 0, B = 0 to the
+    /// highest K of the first point. The boundary is on or above this line, because K rises from at least 0 with a
+    /// falling slope. If the lowest K of the first point is above 0, no wall with a smaller B is known to be stable. A
+    /// wall without K and B exerts no force and is always allowed.
     ///
     /// # Errors
     /// Says which values are allowed.

@@ -130,8 +130,9 @@ fn a_missing_output_is_off_when_the_next_is_due_and_a_stuck_task_is_named() {
     bench.recover();
 }
 
-/// The task `render` runs again only after the next sample has noted the delay. So the guard's findings are newer than
-/// the sample of the output.
+/// One output is lost, and the task `render` computes the next output four samples late. Before `render` runs, a sample
+/// notes the lost output in the guard. So the guard's note is newer than the sample from which `render` computes the
+/// output.
 #[test]
 fn a_late_output_is_named_with_the_sample_at_which_it_was_missed() {
     let mut bench = Bench::armed();

@@ -7,12 +7,13 @@ use crate::figure::figure;
 
 const STIFFNESS_N_PER_M: f64 = 20_000.0;
 const CUTOFFS_HZ: [f64; 9] = [70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 700.0, 1000.0, 2000.0];
-/// Number of tried resolutions per octave. `COARSEST_M` is the coarsest resolution, in m.
+/// Number of tried resolutions per octave.
 const PER_OCTAVE: f64 = 4.0;
+/// The coarsest tried resolution, in m.
 const COARSEST_M: f64 = 16e-6;
 
-/// Searches a wall with the test's stiffness that stays below 0 dB from four starts. Returns its cutoff and its B, or
-/// `None` if there is no such wall.
+/// Searches for a wall with the test's stiffness that stays below the limit from four starts. Returns the wall's cutoff
+/// and B, or `None` if there is no such wall.
 fn unfelt(scene: &Scene) -> Option<[f64; 2]> {
     let prepared = PreparedScene::new(scene).unwrap();
     let dampings = || (1..=30).map(|n| 10.0 * f64::from(n));
@@ -31,10 +32,12 @@ fn unfelt(scene: &Scene) -> Option<[f64; 2]> {
     walls.into_iter().find(is_stable)
 }
 
-/// `cargo test --release --test host criteria::felt -- --ignored --nocapture` finds the coarsest encoder, in quarters
-/// of an octave from 16 um down. With this encoder, 20,000 N/m must stay below 0 dB from four starts, at some cutoff
-/// and some B of 10 to 300 N s/m. The curve is shifted by -12, 0 and +12 dB. The motor pushes, in the loops of the
-/// paper and of the NUCLEO.
+/// Finds the coarsest encoder with which a person does not feel a wall of 20,000 N/m hum. The tried resolutions go from
+/// 16 um down, in steps of a quarter of an octave. An encoder passes if the wall stays below the limit from four
+/// starts, at one cutoff and one B of 10 to 300 N s/m. The limits of the sensation level are -12, 0 and 12 dB. The
+/// motor pushes. The loops are the paper's and the NUCLEO's.
+///
+/// `cargo test --release --test host criteria::felt -- --ignored --nocapture` prints the encoders.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn how_fine_an_encoder_nobody_feels() {

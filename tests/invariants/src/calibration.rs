@@ -22,7 +22,8 @@ fn settings(design: &Design, percent: f64, rise: f64, hold: f64) -> CalibrationS
 crate::properties! {
     /// A calibration's force rises at most at its set rate and reaches each new force. The force never exceeds the
     /// larger of the old and the new force. If the sign of the percent changes, so does the sign of the force. A
-    /// calibration ends with contact, with a move, when the handle was held, and after two minutes.
+    /// calibration ends at the first of these events: the handle touches the wall, the handle moves, the force was held
+    /// for the set time, two minutes have passed.
     bounded(150, (design, rise, hold, targets, moves) in (
         any::design(),
         any::part(),

@@ -194,9 +194,9 @@ fn check(bench: &Bench, rendered: &Rendered) {
 }
 
 crate::properties! {
-    /// After any changes, requests, motions and inputs, the force is within full scale and its code is the nearest one.
-    /// While the supervisor is off, the force is 0 and has the code of 0. In the sign test the force is at most 5 % of
-    /// full scale.
+    /// After any changes, requests, motions and inputs, the force is within full scale. The output code is the code
+    /// nearest to this force. While the supervisor is off, the force is 0 and the code is the code of 0. In the sign
+    /// test the force is at most 5 % of full scale.
     within_full_scale(150, (design, push_only, events) in (
         design(),
         any::<bool>(),

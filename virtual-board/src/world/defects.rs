@@ -16,9 +16,12 @@ pub struct Defects {
     pub converters_stand: bool,
 }
 
-/// A defect that replaces `count` by `at + offset + ratio (count - at) + per_sample (samples - since)`.
+/// A wrong count of the encoder. Each count is replaced by
+/// `at + offset + ratio * (count - at) + per_sample * (sample - since)`, rounded down. `sample` is the number of the
+/// present sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CountDefect {
+    /// The count at which the defect began.
     pub at: i32,
     /// The sample at which the defect began.
     pub since: u64,

@@ -102,8 +102,9 @@ impl Axes {
         self.second.map_or(0.0, |[low, high]| (before / low).ln() / (high / low).ln())
     }
 
-    /// Settings with a bandwidth that is wrong by a factor, and the factor that they reach. The reached factor differs
-    /// from the requested one if the tuning is a whole number. `None` if the core refuses the tuning.
+    /// Settings whose bandwidth is `factor` times the bandwidth of `settings`. Also returns the factor between the two
+    /// bandwidths: if the tuning is a whole number, this factor is only near `factor`. `None` if the core refuses the
+    /// tuning.
     pub fn off_by(
         &self,
         settings: &VelocitySettings,

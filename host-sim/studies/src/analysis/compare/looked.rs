@@ -24,7 +24,8 @@ pub(super) struct Look {
 }
 
 pub(super) struct Looked<T> {
-    /// The boundaries of each tuning from the starts that were walked. Each boundary has a judgement.
+    /// The tunings that were walked. A tuning has one boundary for each start of its walks. Each boundary has a
+    /// judgement.
     made: Vec<(VelocitySettings, Vec<(T, Boundary)>)>,
     pub(super) hits: u64,
 }

@@ -1,11 +1,12 @@
 //! Frequency response of the open loop at the output instants.
 //!
 //! Hx(z) and Hv(z) are the responses of position and estimated velocity to the force, all at the output instants. `z`
-//! is a shift by one output period. All equations use `delta = z - 1` and the exact `phi - 1`, which keep the digits at
-//! low frequency.
+//! is a shift by one output period. The matrix `phi(t)` advances the plant's state by the time t without a force. All
+//! equations use `delta = z - 1` and the exact `phi - 1`, which keep the digits at low frequency.
 //!
-//! Let `E = phi - 1` over one period. The latency has q whole periods and a rest. Within a period, the previous command
-//! (b) acts during the rest. Then the present command (a) acts:
+//! `E` is `phi - 1` for one output period. The latency has q whole periods and a rest. Within a period, the previous
+//! command (b) acts during the rest. Then the present command (a) acts. `gamma_a` and `gamma_b` are the responses of
+//! the state to these commands at the end of the period. `a_i` and `b_i` are the responses of the position at sample i:
 //! ```text
 //! D = det(delta - E),  n = adj(delta - E) (gamma_a + gamma_b / z)
 //! Hx = z^-q n_x / D,   q whole periods of latency

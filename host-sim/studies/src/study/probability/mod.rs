@@ -8,9 +8,10 @@
 //!
 //! **Intervals of quantiles.** Drawn devices are independent. The starts of one device are spread evenly, so they are
 //! no random sample. So quantiles over the starts of the scene's own device have no interval. For drawn devices, order
-//! statistics give the interval of a quantile ([`ranks`]). With fewer than [`DRAWS_MIN`] devices, the worst 5 % have no
-//! lower bound. A bootstrap tests the best cutoff in the worst draws: devices are drawn again from the drawn devices.
-//! If another cutoff leads in too many of these samples, this cutoff cannot be distinguished from the best cutoff.
+//! statistics give the interval of a quantile ([`ranks`]). With fewer than [`DRAWS_MIN`] devices, the 5 % quantile has
+//! no lower confidence limit. A bootstrap tests the best cutoff in the worst draws: devices are drawn again from the
+//! drawn devices. If another cutoff leads in too many of these samples, this cutoff cannot be distinguished from the
+//! best cutoff.
 //!
 //! The contour of 95 % ([`contour`]) shows the walls that a firmware may render. This contour is fitted with fresh
 //! draws, and tested with further draws.
@@ -48,7 +49,7 @@ const STARTS: u64 = 0x5eed_0002;
 const AGAIN: u64 = 0x5eed_0003;
 /// Share of the draws, the worst ones, on which a recommendation is based.
 pub const WORST: f64 = 0.05;
-/// Smallest number of devices for which the worst 5 % ([`WORST`]) have a lower bound.
+/// Smallest number of devices for which the 5 % quantile ([`WORST`]) of the areas has a lower confidence limit.
 pub const DRAWS_MIN: u32 = 72;
 /// Probability, on each side, that a value is outside of its interval. It is also the share of the bootstrap samples in
 /// which a cutoff must lead to count as equal to the best cutoff.
