@@ -96,8 +96,10 @@ pub struct Row {
     pub fed_saving_ms: f64,
     /// Longest time from a sampling event to the write of the force, in us.
     pub output_us: f64,
-    /// Largest fraction of a burst's time that `link` takes, among bursts of at least 0.1 s.
+    /// Largest fraction of a burst's time that `link` takes, among bursts without `save` of at least 0.1 s.
     pub link: f64,
+    /// The same fraction in bursts with `save`, where `link` also waits for the flash.
+    pub link_saving: f64,
 }
 
 impl Row {
@@ -113,6 +115,7 @@ impl Row {
         self.fed_saving_ms = self.fed_saving_ms.max(other.fed_saving_ms);
         self.output_us = self.output_us.max(other.output_us);
         self.link = self.link.max(other.link);
+        self.link_saving = self.link_saving.max(other.link_saving);
     }
 }
 
@@ -293,6 +296,7 @@ impl<'a> Host<'a> {
         let (watch, hz) = (mcu.watch(), mcu.core_hz() as f64);
         let took_s = (mcu.now() - begun) as f64 / hz;
         let fed_ms = watch.longest_unfed as f64 / hz * 1e3;
+        let link = if took_s < 0.1 { 0.0 } else { watch.tasks[&LINK].total as f64 / hz / took_s };
         Ok(Row {
             period,
             bursts: 1,
@@ -305,7 +309,8 @@ impl<'a> Host<'a> {
             fed_ms: if saves { 0.0 } else { fed_ms },
             fed_saving_ms: if saves { fed_ms } else { 0.0 },
             output_us: watch.commands.most as f64 / hz * 1e6,
-            link: if took_s < 0.1 { 0.0 } else { watch.tasks[&LINK].total as f64 / hz / took_s },
+            link: if saves { 0.0 } else { link },
+            link_saving: if saves { link } else { 0.0 },
         })
     }
 

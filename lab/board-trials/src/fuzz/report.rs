@@ -116,13 +116,14 @@ fn bursts_of(session: &Session, options: &Fuzz, count: u64) -> Result<(), Error>
             for row in rows {
                 let Row { period, bursts, lines, obeyed, refused, ignored, lost, outputs, .. } =
                     row;
-                let Row { fed_ms, fed_saving_ms, output_us, link, .. } = row;
+                let Row { fed_ms, fed_saving_ms, output_us, link, link_saving, .. } = row;
                 note(&format!(
                     "{board}, period {period}: {bursts} bursts, {lines} lines; {obeyed} obeyed, {refused} refused, {ignored} \
                      ignored, {lost} replies lost, both counted; \
                      {outputs} outputs, none missing, the latest after {output_us:.1} us; watchdog fed within \
-                     {fed_ms:.1} ms, with a save {fed_saving_ms:.0} ms; link takes {:.1} %",
-                    100.0 * link
+                     {fed_ms:.1} ms, with a save {fed_saving_ms:.0} ms; link takes {:.1} %, with a save {:.1} %",
+                    100.0 * link,
+                    100.0 * link_saving
                 ));
             }
             Ok(())
