@@ -9,7 +9,7 @@ use zwidth::{device::designs::DESIGNS_MAX, velocity::Biquad};
 use super::{
     Cells, area_cells, csv_of,
     figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, scaled_unit, trade},
-    limits::{area_text, areas_in},
+    limits::{area_text, areas_in, walked_area},
     version,
 };
 use crate::{
@@ -330,8 +330,7 @@ impl Designs {
             );
             for filter in &self.0.filters {
                 let boundaries = &filter.boundaries[n];
-                let cut = if boundaries.capped() > 0 { ">" } else { "" };
-                let _ = write!(text, " {cut}{}", area_text(boundaries.area(), units));
+                let _ = write!(text, " {}", walked_area(boundaries, units));
             }
         }
         if let Some(best) = self.0.filters.first() {

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::{
     figure::{Curve, Figure, FigureError, ZwidthPlot, zwidth},
+    limits::stiffness_in,
     report, versioned,
 };
 use crate::{
@@ -83,9 +84,10 @@ fn thousands(value: f64) -> f64 {
 
 impl ExplainReport<'_> {
     fn spoken(&self) -> Spoken {
-        let [k, v] = match self.units {
-            Units::Linear => [("kN/m", 1e-3), ("mm/s", 1e3)],
-            Units::Rotary { .. } => ["N/m", "m/s"].map(|unit| self.units.written(unit)),
+        let k = stiffness_in(self.units);
+        let v = match self.units {
+            Units::Linear => ("mm/s", 1e3),
+            Units::Rotary { .. } => self.units.written("m/s"),
         };
         let (unit, factor) = self.units.written("N² s/m²");
         let Explanation { base, changes, .. } = self.found;

@@ -10,7 +10,7 @@ use super::{
     Cells, area_cells, csv_of,
     figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, trade},
     ideal_cells,
-    limits::{area_text, areas_in, limit_cells, name_in, range, walk_cells},
+    limits::{areas_in, limit_cells, name_in, range, walk_cells, walked_area},
     reach_cells, version,
 };
 use crate::{
@@ -185,8 +185,8 @@ impl LeverStudy {
                 let cell = of_row(between).map_or(String::new(), |result| cell(result, units));
                 let _ = write!(text, "  {cell:>24}");
             }
-            let told =
-                of_row(Between::Nothing).map_or(String::new(), |result| area(&result.told, units));
+            let told = of_row(Between::Nothing)
+                .map_or(String::new(), |result| walked_area(&result.told.boundaries, units));
             let _ = write!(text, "  {told:>13}");
         }
         if let Some(sentence) = self.sentence(limit, push) {
@@ -203,7 +203,7 @@ impl LeverStudy {
         let area_of = base.boundaries.area();
         let mut text = format!(
             "as it is: area {} at {} Hz, up to {}. Times this area with a perfect velocity {}",
-            area(base, units),
+            walked_area(&base.boundaries, units),
             own.sweep.ideal?.cutoff_hz,
             units.said(peak(base), "N/m"),
             three_digits(own.told.boundaries.area() / area_of)
@@ -331,14 +331,9 @@ impl LeverStudy {
     }
 }
 
-fn area(walked: &Walked, units: Units) -> String {
-    let cut = if walked.boundaries.capped() > 0 { ">" } else { "" };
-    format!("{cut}{}", area_text(walked.boundaries.area(), units))
-}
-
 /// Area at the ideal cutoff and the range of this cutoff, as text.
 pub(super) fn cell(result: &LeverResult, units: Units) -> String {
     let Some(ideal) = result.sweep.ideal else { return "no stable wall".into() };
-    let area = result.best().map_or(String::new(), |best| area(best, units));
+    let area = result.best().map_or(String::new(), |best| walked_area(&best.boundaries, units));
     format!("{area} ({})", range(ideal.range_hz))
 }

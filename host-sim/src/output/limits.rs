@@ -102,6 +102,14 @@ pub(super) fn areas_in(units: Units) -> (&'static str, f64) {
     }
 }
 
+/// Unit of K in tables for people, and its factor.
+pub(super) fn stiffness_in(units: Units) -> (&'static str, f64) {
+    match units {
+        Units::Linear => ("kN/m", 1e-3),
+        Units::Rotary { .. } => units.written("N/m"),
+    }
+}
+
 /// A limit as text in the scene's units.
 pub(super) fn name_in(limit: Limit, units: Units) -> String {
     match limit {
@@ -170,11 +178,8 @@ impl LimitStudy {
 
     pub fn text(&self, units: Units) -> String {
         let Question { walk, rms_of, repeats, .. } = &self.question;
-        let (unit, factor) = areas_in(units);
-        let area_of = |boundaries: &Boundaries| {
-            let cut = if boundaries.capped() > 0 { ">" } else { "" };
-            format!("{cut}{}", three_digits(factor * boundaries.area()))
-        };
+        let (unit, _) = areas_in(units);
+        let area_of = |boundaries: &Boundaries| walked_area(boundaries, units);
         let mut text = format!(
             "area by limit and cutoff, in {unit}; limit of the RMS of {}, walks for each area: {repeats}\n  *: ideal cutoff; \
              >: a cap of the walk cuts the area\n  {}",
@@ -282,6 +287,12 @@ impl LimitStudy {
 /// A range as text: `500`, or `400 to 500`.
 pub(super) fn range([low, high]: [f64; 2]) -> String {
     if low == high { low.to_string() } else { format!("{low} to {high}") }
+}
+
+/// The area of walked boundaries, in the unit that [`areas_in`] gives, after `>` if a cap of the walk cuts it.
+pub(super) fn walked_area(boundaries: &Boundaries, units: Units) -> String {
+    let cut = if boundaries.capped() > 0 { ">" } else { "" };
+    format!("{cut}{}", area_text(boundaries.area(), units))
 }
 
 /// An area in the unit that [`areas_in`] gives.

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{
-    limits::{area_text, areas_in, grid_text, name_in},
+    limits::{areas_in, grid_text, name_in, walked_area},
     versioned,
 };
 use crate::{analysis::compare::peers::PeerStudy, scene::Units};
@@ -37,11 +37,10 @@ pub fn text(study: &PeerStudy, units: Units) -> String {
             let _ = write!(text, "\n  {:width$}", row.name);
             for n in 0..row.boundaries.len() {
                 let a = study.area(row, n);
-                let cut = if a.boundaries().capped() > 0 { ">" } else { "" };
                 let share = a.share_of_true_velocity().unwrap_or_default() * 100.0;
                 let digits = usize::from(share < 9.95);
-                let cell =
-                    format!("{cut}{} {share:5.digits$} %", area_text(a.boundaries().area(), units));
+                let area = walked_area(a.boundaries(), units);
+                let cell = format!("{area} {share:5.digits$} %");
                 let _ = write!(text, "  {cell:>14}");
             }
         }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::{
     figure::{Curve, Figure, FigureError, ZwidthPlot, zwidth},
-    limits::{area_text, areas_in},
+    limits::{area_text, areas_in, stiffness_in},
     versioned,
 };
 use crate::{
@@ -46,10 +46,7 @@ pub fn figure(study: &UsableStudy, scene: &NamedScene) -> Result<Figure, FigureE
 }
 
 pub fn text(study: &UsableStudy, units: Units) -> String {
-    let (stiffness_unit, stiffness_factor) = match units {
-        Units::Linear => ("kN/m", 1e-3),
-        Units::Rotary { .. } => units.written("N/m"),
-    };
+    let (stiffness_unit, stiffness_factor) = stiffness_in(units);
     let mut text = format!(
         "usable area, {}: walls that are stable and rendered as commanded; {} walks each, > cut at a cap",
         areas_in(units).0,

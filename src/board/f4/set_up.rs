@@ -51,8 +51,8 @@ macro_rules! fold {
     };
 }
 
-/// A call, because inside its caller the compiler reads all registers to the stack before it folds them, which takes
-/// half as long again.
+/// A call, because inside its caller the compiler can read all registers to the stack before it folds them, which takes
+/// nearly twice as long.
 #[inline(never)]
 fn sum() -> u32 {
     let mut sum = 0u32;
