@@ -89,8 +89,10 @@ pub trait Board: Sized {
     type FaultMemory: FaultMemory;
     /// Flash with two erase blocks for the settings, and nothing else.
     type Flash: NorFlash<Error = FlashError>;
-    /// Channel of bytes towards the host.
-    type Up: UpChannel;
+    /// Channel of telemetry frames towards the host.
+    type Telemetry: UpChannel;
+    /// Channel of replies towards the host.
+    type Replies: UpChannel;
     /// Channel of commands from the host.
     type Commands: CommandChannel;
 
@@ -189,9 +191,9 @@ pub struct Parts<B: Board> {
 /// The channels to and from the host.
 pub struct Link<B: Board> {
     /// Channel for the telemetry frames.
-    pub telemetry: B::Up,
+    pub telemetry: B::Telemetry,
     /// Channel for the replies, as lines of text.
-    pub replies: B::Up,
+    pub replies: B::Replies,
     /// Channel of the commands, as lines of text.
     pub commands: B::Commands,
 }
@@ -365,8 +367,8 @@ pub trait UpChannel {
 
 /// The channel from the host.
 pub trait CommandChannel {
-    /// Reads the bytes that have come, at most `bytes.len()`. Returns their number. Called by `link`.
-    fn read(&mut self, bytes: &mut [u8]) -> usize;
+    /// Takes the next byte that has come, if there is one. Called by `link`.
+    fn read(&mut self) -> Option<u8>;
 }
 
 /// The error bits of the flash controller's status register. With 0 the address or the length was not allowed, and the

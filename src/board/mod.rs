@@ -44,7 +44,8 @@ pub type ReadBack = <Selected as contract::Board>::ReadBack;
 pub type OutputWatchdog = <Selected as contract::Board>::OutputWatchdog;
 pub type SelfTest = <Selected as contract::Board>::SelfTest;
 pub type SettingsFlash = <Selected as contract::Board>::Flash;
-pub type UpLink = <Selected as contract::Board>::Up;
+pub type Telemetry = <Selected as contract::Board>::Telemetry;
+pub type Replies = <Selected as contract::Board>::Replies;
 pub type Commands = <Selected as contract::Board>::Commands;
 
 /// Facts of this board. A device record must match them, or the board refuses it.

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-/// Collects bytes until a line is complete. CR, LF and both together end a line. Blank lines are skipped. A line of
-/// more than `N` bytes is refused as a whole at its end.
+/// Collects bytes until a line is complete. CR, LF and both together end a line. Blank lines and bytes of 0 are skipped.
+/// A line of more than `N` bytes is refused as a whole at its end.
 #[derive(Clone, Copy, Debug)]
 pub struct LineReader<const N: usize> {
     bytes: [u8; N],
@@ -35,6 +35,9 @@ impl<const N: usize> LineReader<N> {
 
     /// Takes one byte. If this byte ends a line, returns the line.
     pub fn push(&mut self, byte: u8) -> Option<Line<'_>> {
+        if byte == 0 {
+            return None;
+        }
         if self.done {
             *self = Self::new();
         }

@@ -107,6 +107,11 @@ impl CalibrationEnd {
 #[derive(Clone, Copy, Debug)]
 pub struct Calibration {
     plan: Doubled<CalibrationPlan>,
+    progress: Doubled<Progress>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Progress {
     /// Position of the handle at the first output.
     origin: Option<Position>,
     force: i32,
@@ -119,7 +124,7 @@ pub struct Calibration {
 impl Calibration {
     /// Makes a calibration whose first output is still to come.
     pub fn new(plan: CalibrationPlan) -> Self {
-        Self { plan: Doubled::new(plan), origin: None, force: 0, held: 0, outputs: 0 }
+        Self { plan: Doubled::new(plan), progress: Doubled::new(Progress::default()) }
     }
 
     /// Flips a bit of the second copy of the plan.
@@ -128,17 +133,17 @@ impl Calibration {
         self.plan.spoil(CalibrationPlan { hold: self.plan.hold ^ 1, ..*self.plan });
     }
 
-    /// Whether the plan is unchanged.
+    /// Whether plan and progress are unchanged.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
-        self.plan.is_whole()
+        self.plan.is_whole() && self.progress.is_whole()
     }
 
     /// Continues from the present force to another force. The total time does not start again. It must stay limited,
     /// because the check for a push without motion is off during a calibration.
     pub fn retarget(&mut self, plan: CalibrationPlan) {
         self.plan.set(plan);
-        self.held = 0;
+        self.progress.change(|progress| progress.held = 0);
     }
 
     /// Returns the push for this output. `contact` says whether the handle is inside the wall.
@@ -146,32 +151,44 @@ impl Calibration {
     /// # Errors
     /// The calibration is over. There is no push any more.
     pub fn output(&mut self, position: Position, contact: bool) -> Result<Force, CalibrationEnd> {
-        let origin = *self.origin.get_or_insert(position);
-        if contact {
-            return Err(CalibrationEnd::Contact);
-        }
-        if position.wrapping_since(origin).unsigned_abs() > self.plan.travel {
-            return Err(CalibrationEnd::Moved);
-        }
-        self.outputs = self.outputs.saturating_add(1);
-        if self.outputs > self.plan.longest {
-            return Err(CalibrationEnd::TimeUp);
-        }
-        let step = self.plan.step;
-        // Both forces are within +-0.3 of full scale, so the difference cannot overflow.
-        self.force += (self.plan.target - self.force).max(-step).min(step); // clamp could panic
-        if self.force == self.plan.target {
-            self.held = self.held.saturating_add(1);
-            if self.held > self.plan.hold {
-                return Err(CalibrationEnd::TimeUp);
-            }
-        }
-        Ok(Force::saturating_from_bits(self.force))
+        let plan = &*self.plan;
+        self.progress.change(|progress| progress.output(plan, position, contact))
     }
 
     /// Whether the force has reached its target at this output for the first time.
     pub fn is_complete_now(&self) -> bool {
-        self.held == 1
+        self.progress.held == 1
+    }
+}
+
+impl Progress {
+    fn output(
+        &mut self,
+        plan: &CalibrationPlan,
+        position: Position,
+        contact: bool,
+    ) -> Result<Force, CalibrationEnd> {
+        let origin = *self.origin.get_or_insert(position);
+        if contact {
+            return Err(CalibrationEnd::Contact);
+        }
+        if position.wrapping_since(origin).unsigned_abs() > plan.travel {
+            return Err(CalibrationEnd::Moved);
+        }
+        self.outputs = self.outputs.saturating_add(1);
+        if self.outputs > plan.longest {
+            return Err(CalibrationEnd::TimeUp);
+        }
+        let step = plan.step;
+        // Both forces are within +-0.3 of full scale, so the difference cannot overflow.
+        self.force += (plan.target - self.force).max(-step).min(step); // clamp could panic
+        if self.force == plan.target {
+            self.held = self.held.saturating_add(1);
+            if self.held > plan.hold {
+                return Err(CalibrationEnd::TimeUp);
+            }
+        }
+        Ok(Force::saturating_from_bits(self.force))
     }
 }
 
@@ -215,6 +232,28 @@ mod tests {
             }
             assert!((f64::from(last) / 2f64.powi(30) - percent / 100.0).abs() < 1e-6);
             assert!((9_990..10_010).contains(&complete.unwrap()), "{complete:?}");
+        }
+    }
+
+    #[test]
+    fn a_bit_of_the_progress_that_flips_stays_visible() {
+        let mut calibration = Calibration::new(SETTINGS.build(&DESIGN).unwrap());
+        for _ in 0..100 {
+            calibration.output(at(0), false).unwrap();
+        }
+        for bit in 0..u32::BITS {
+            let flips: [fn(&mut Progress, u32); 3] = [
+                |progress, bit| progress.outputs ^= 1 << bit,
+                |progress, bit| progress.held ^= 1 << bit,
+                |progress, bit| progress.force ^= 1 << bit.min(29),
+            ];
+            for flip in flips {
+                let (mut broken, mut copy) = (calibration, *calibration.progress);
+                flip(&mut copy, bit);
+                broken.progress.spoil(copy);
+                broken.output(at(0), false).unwrap();
+                assert!(!broken.is_whole(), "{bit}");
+            }
         }
     }
 
@@ -285,7 +324,7 @@ mod tests {
         let mut calibration = Calibration::new(plan(15.0));
         let mut last = Force::ZERO;
         for _ in 0..30_000 {
-            if !lifted && calibration.held == 1_000 {
+            if !lifted && calibration.progress.held == 1_000 {
                 calibration.retarget(plan(5.0));
             }
             match calibration.output(handle.position(), false) {
@@ -301,7 +340,8 @@ mod tests {
             let net = (push_n - against_n) / DESIGN.full_scale_n;
             #[expect(clippy::cast_possible_truncation, reason = "within full scale")]
             handle.go(Force::saturating_from_bits((net * 2f64.powi(30)) as i32));
-            let below = lifted || calibration.held < 1_000 && *calibration.plan == plan(15.0);
+            let below =
+                lifted || calibration.progress.held < 1_000 && *calibration.plan == plan(15.0);
             if (below && handle.x < 0.0) || (!lifted && handle.x > 0.0) {
                 (handle.x, handle.v) = (0.0, 0.0);
             }

@@ -19,6 +19,7 @@
 use crate::{
     Design, Gain,
     range::{SettingsError, within},
+    safety::Doubled,
     units::Force,
 };
 
@@ -124,35 +125,55 @@ fn spare_outputs(design: &Design) -> f64 {
 const PATIENCE: f64 = 9.3;
 
 /// Temperature of the motor in the model. The motor is cold at reset.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Duty {
     /// Heat as a part of the final heat at full force, 0 to 1, with [`FRACTION`] fractional bits.
-    heat: i64,
+    heat: Doubled<i64>,
+}
+
+impl Default for Duty {
+    fn default() -> Self {
+        Self { heat: Doubled::new(0) }
+    }
 }
 
 impl Duty {
+    /// Whether the heat is unchanged.
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        self.heat.is_whole()
+    }
+
+    /// Flips a bit of the second copy of the heat.
+    #[cfg(test)]
+    pub(crate) fn spoil(&mut self) {
+        self.heat.spoil(*self.heat ^ 1 << DIFFERENCE);
+    }
+
     /// Adds the force of one output.
     #[inline]
     pub fn add(&mut self, plan: &DutyPlan, force: Force) {
         let force = i64::from(force.bits());
-        #[expect(clippy::cast_possible_truncation, reason = "+-2^30")]
-        let difference = ((force * force - self.heat) >> (FRACTION - DIFFERENCE)) as i32;
-        self.heat += plan.exchange.apply(difference);
+        self.heat.change(|heat| {
+            #[expect(clippy::cast_possible_truncation, reason = "+-2^30")]
+            let difference = ((force * force - *heat) >> (FRACTION - DIFFERENCE)) as i32;
+            *heat += plan.exchange.apply(difference);
+        });
     }
 
     /// Whether a hit may begin.
     pub fn is_ready(&self, plan: &DutyPlan) -> bool {
-        self.heat <= plan.ready
+        *self.heat <= plan.ready
     }
 
     /// Whether the limit is exceeded.
     pub fn is_too_warm(&self, plan: &DutyPlan) -> bool {
-        self.heat > plan.limit
+        *self.heat > plan.limit
     }
 
     /// Heat in thousandths of the final heat at full force.
     pub fn per_mille(&self) -> u32 {
-        u32::try_from(((self.heat >> DIFFERENCE) * 1000) >> (FRACTION - DIFFERENCE))
+        u32::try_from(((*self.heat >> DIFFERENCE) * 1000) >> (FRACTION - DIFFERENCE))
             .unwrap_or_default()
     }
 }
@@ -183,7 +204,7 @@ mod tests {
         for n in 1..=60_000 {
             duty.add(&plan, force(-0.6));
             let exact = 0.36 * (1.0 - (-f64::from(n) * 1e-3 / 30.0).exp());
-            assert!((duty.heat as f64 / 2f64.powi(FRACTION.cast_signed()) - exact).abs() < 1e-5);
+            assert!((*duty.heat as f64 / 2f64.powi(FRACTION.cast_signed()) - exact).abs() < 1e-5);
         }
         for _ in 0..600_000 {
             duty.add(&plan, Force::ZERO);
@@ -206,7 +227,7 @@ mod tests {
                     let part = [1.0, -1.0, 0.3, 0.0][n / 7 % 4];
                     duty.add(&plan, force(part));
                     mean = mean * decay + (1.0 - decay) * part * part;
-                    let heat = duty.heat as f64 / 2f64.powi(FRACTION.cast_signed());
+                    let heat = *duty.heat as f64 / 2f64.powi(FRACTION.cast_signed());
                     assert!(
                         (heat - mean).abs() < 1e-5,
                         "{rate_hz} {period} {time_constant_s}: {heat} {mean}"
@@ -234,12 +255,28 @@ mod tests {
         );
     }
 
+    fn warm(heat: i64) -> Duty {
+        Duty { heat: Doubled::new(heat) }
+    }
+
+    #[test]
+    fn a_bit_of_the_heat_that_flips_stays_visible() {
+        let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
+        for bit in 0..i64::BITS {
+            let mut duty = warm(plan.ready);
+            duty.heat.spoil(plan.ready ^ 1 << bit);
+            duty.add(&plan, force(0.3));
+            // A bit far below the resolution of the force may vanish.
+            assert!(!duty.is_whole() || bit < FRACTION - DIFFERENCE, "{bit}");
+        }
+    }
+
     #[test]
     fn exactly_at_a_limit_is_within_it() {
         let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
         for more in [0, 1] {
-            assert_eq!(Duty { heat: plan.ready + more }.is_ready(&plan), more == 0);
-            assert_eq!(Duty { heat: plan.limit + more }.is_too_warm(&plan), more == 1);
+            assert_eq!(warm(plan.ready + more).is_ready(&plan), more == 0);
+            assert_eq!(warm(plan.limit + more).is_too_warm(&plan), more == 1);
         }
     }
 
@@ -247,7 +284,7 @@ mod tests {
     fn heat_is_told_in_thousandths() {
         for (part, per_mille) in [(0.0, 0), (0.0625, 62), (0.5, 500), (1.0, 1000)] {
             let heat = i64::from(force(part).bits()) << (FRACTION - Force::FRACTION_BITS);
-            assert_eq!(Duty { heat }.per_mille(), per_mille);
+            assert_eq!(warm(heat).per_mille(), per_mille);
         }
     }
 
@@ -317,7 +354,7 @@ mod tests {
                 duty.add(&plan, Force::FULL_SCALE);
             }
             assert!(!duty.is_too_warm(&plan));
-            warmest = warmest.max(duty.heat);
+            warmest = warmest.max(*duty.heat);
         }
         // the limit is nearly reached
         assert!(warmest as f64 > 0.995 * plan.limit as f64);

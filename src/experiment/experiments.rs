@@ -104,7 +104,8 @@ impl Experiments {
             Experiment::Calibration(calibration) => (Activity::Calibration, calibration.is_whole()),
             Experiment::Pulses(train) => (Activity::Pulses, train.is_whole()),
         };
-        activity == self.activity && whole && self.duty_plan.is_whole()
+        let limits = self.duty_plan.is_whole() && self.duty.is_whole();
+        activity == self.activity && whole && limits
     }
 
     /// Sets the motor's thermal limits for another output period. Call it with the force off.

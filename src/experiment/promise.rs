@@ -40,27 +40,32 @@ pub struct Host {
     promise: Doubled<Promise>,
     /// Number of the last output's sample. `heard` is the number of the sample at the last `alive`.
     now: u32,
-    heard: u32,
+    heard: Doubled<u32>,
 }
 
 impl Default for Host {
     fn default() -> Self {
-        Self { promise: Doubled::new(Promise::default()), now: 0, heard: 0 }
+        Self { promise: Doubled::new(Promise::default()), now: 0, heard: Doubled::new(0) }
     }
 }
 
 impl Host {
-    /// Whether the promise is unchanged. A flipped bit in one of the times is found as silence, or is overwritten with
-    /// the next `alive`.
+    /// Whether promise and time are unchanged.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
-        self.promise.is_whole()
+        self.promise.is_whole() && self.heard.is_whole()
+    }
+
+    /// Flips a bit of the second copy of the time.
+    #[cfg(test)]
+    pub(crate) fn spoil(&mut self) {
+        self.heard.spoil(*self.heard ^ 1 << 16);
     }
 
     /// Notes that `alive` has come, and the promise about the next one.
     pub fn hear(&mut self, promise: Promise) {
         self.promise.set(promise);
-        self.heard = self.now;
+        self.heard.set(self.now);
     }
 
     /// Whether the promise is broken at the output of `sample`, or would be broken at the next output, `period` samples
@@ -72,9 +77,9 @@ impl Host {
             self.now = sample as u32;
         }
         if !on {
-            self.heard = self.now;
+            self.heard.set(self.now);
         }
-        let silent = self.now.wrapping_sub(self.heard).saturating_add(period);
+        let silent = self.now.wrapping_sub(*self.heard).saturating_add(period);
         let broken = self.promise.samples != 0 && silent >= self.promise.samples;
         if broken {
             self.promise.set(Promise::default());
@@ -96,7 +101,7 @@ mod tests {
         }
     }
 
-    /// Flips every bit. Some flips make the time so long that a silent host would not be found.
+    /// Flips every bit. Some flips would make the time so long that a silent host would not be found.
     #[test]
     fn a_promise_of_which_a_bit_flips_is_found() {
         let mut host = Host::default();
@@ -105,6 +110,10 @@ mod tests {
         for bit in 0..32 {
             let mut broken = host;
             broken.promise.spoil(Promise { samples: host.promise.samples ^ 1 << bit });
+            assert!(!broken.is_whole(), "{bit}");
+            let mut broken = host;
+            broken.heard.spoil(*host.heard ^ 1 << bit);
+            broken.falls_silent(100, 10, true);
             assert!(!broken.is_whole(), "{bit}");
         }
     }

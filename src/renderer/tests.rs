@@ -422,9 +422,11 @@ fn an_experiment_that_nobody_began_is_found_after_the_output() {
 
 #[test]
 fn a_copy_that_differs_is_found_after_the_output() {
-    let spoilers: [fn(&mut Renderer<8>); 2] = [
+    let spoilers: [fn(&mut Renderer<8>); 4] = [
         |renderer| renderer.motor_reversed.spoil(true),
         |renderer| renderer.gains.spoil(Gains::Outside),
+        |renderer| renderer.host.spoil(),
+        |renderer| renderer.experiments.parts().duty.spoil(),
     ];
     for spoil in spoilers {
         let mut bench = Bench::new();

@@ -4,7 +4,7 @@
 use core::ops::Deref;
 
 /// A value and its copy. Dereferencing gives the value.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Doubled<T> {
     value: T,
     copy: T,
@@ -20,6 +20,14 @@ impl<T: Copy + PartialEq> Doubled<T> {
     #[inline(always)]
     pub fn set(&mut self, value: T) {
         *self = Self::new(value);
+    }
+
+    /// Changes value and copy, each from itself. So a flipped bit in one of the two stays visible. Returns what `change`
+    /// returns for the value.
+    #[inline(always)]
+    pub fn change<R>(&mut self, mut change: impl FnMut(&mut T) -> R) -> R {
+        change(&mut self.copy);
+        change(&mut self.value)
     }
 
     /// Whether value and copy are equal.
@@ -40,16 +48,6 @@ impl<T> Deref for Doubled<T> {
 
 #[cfg(test)]
 impl<T: Copy + PartialEq> Doubled<T> {
-    /// Changes the value and its copy.
-    pub(crate) fn edit(&mut self, change: impl FnOnce(&mut T)) {
-        let mut value = self.value;
-        change(&mut value);
-        self.set(value);
-    }
-}
-
-#[cfg(test)]
-impl<T: Copy> Doubled<T> {
     /// Sets only the copy, as a flipped bit would.
     pub(crate) fn spoil(&mut self, copy: T) {
         self.copy = copy;
@@ -68,6 +66,9 @@ mod tests {
             broken.set(7);
             assert!(broken.is_whole());
             assert_eq!(*broken, 7);
+            let mut broken = Doubled { value, copy };
+            assert_eq!(broken.change(|n| std::mem::replace(n, *n + 1)), value);
+            assert_eq!((*broken, broken.is_whole()), (value + 1, false));
         }
     }
 }

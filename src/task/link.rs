@@ -21,7 +21,9 @@ use zwidth::{
 };
 
 use super::{FLAGS, Numbered, ORDERS, REPORTS, sample::Sampling};
-use crate::board::{self, Commands, FlashError, SelfTest, SettingsFlash, UpLink, Watchdog};
+use crate::board::{
+    self, Commands, FlashError, Replies, SelfTest, SettingsFlash, Telemetry, Watchdog,
+};
 use crate::sync::{DoubleBuffer, Viewer, position_ring};
 
 /// Length of the longest piece of a line in one frame of the log, in bytes. The length is limited because `render`
@@ -30,10 +32,10 @@ const LOG_LINE: usize = 200;
 
 /// The console's access to the board's channels, flash and `render`.
 struct Channels {
-    replies: UpLink,
+    replies: Replies,
     /// Number of lines that `replies` had no room for, and that were sent to the log alone.
     missed: u32,
-    telemetry: UpLink,
+    telemetry: Telemetry,
     commands: Commands,
     sampler: Viewer<Sampling>,
     flash: SettingsFlash,
@@ -50,8 +52,7 @@ impl Port for Channels {
     const COMMIT: &'static str = COMMIT;
 
     fn read(&mut self) -> Option<u8> {
-        let mut byte = [0];
-        (self.commands.read(&mut byte) > 0).then_some(byte[0]).filter(|&byte| byte != 0)
+        self.commands.read()
     }
 
     fn write_line(&mut self, line: &str) -> bool {
@@ -180,6 +181,9 @@ impl Link {
             self.console.report(&report);
         }
         worked |= self.console.pass(listens);
+        if self.console.is_deaf() {
+            board::end(Fault::Memory);
+        }
         if worked {
             self.pace.end(board::clock());
         }
@@ -198,9 +202,8 @@ pub(super) fn refuse(mut link: board::Link, mut watchdog: Watchdog, why: &Unusab
             log(text.as_str());
             link.replies.write(text.as_bytes());
         }
-        let mut byte = [0];
-        if link.commands.read(&mut byte) > 0 {
-            said = console.push(byte[0]);
+        if let Some(byte) = link.commands.read() {
+            said = console.push(byte);
         }
         watchdog.feed();
     }

@@ -9,9 +9,9 @@ use core::{
     sync::atomic::{AtomicU32, Ordering::Relaxed},
 };
 
-use rtt_target::{ChannelMode, UpChannel};
+use zwidth::contract::UpChannel as _;
 
-use super::{control_block::Buffer, mask};
+use super::{mask, rtt::UpLink};
 
 /// Length of the longest encoded frame, in bytes. A longer frame is dropped.
 const FRAME_BYTES: usize = 256;
@@ -20,7 +20,6 @@ const FRAME_BYTES: usize = 256;
 static DROPPED: AtomicU32 = AtomicU32::new(0);
 
 struct State {
-    channel: Option<(UpChannel, Buffer)>,
     encoder: defmt::Encoder,
     frame: [u8; FRAME_BYTES],
     length: usize,
@@ -35,7 +34,6 @@ struct Shared(UnsafeCell<State>);
 unsafe impl Sync for Shared {}
 
 static STATE: Shared = Shared(UnsafeCell::new(State {
-    channel: None,
     encoder: defmt::Encoder::new(),
     frame: [0; FRAME_BYTES],
     length: 0,
@@ -59,14 +57,6 @@ impl State {
 
 pub fn dropped() -> u32 {
     DROPPED.load(Relaxed)
-}
-
-pub(in crate::board) fn start(channel: UpChannel, buffer: Buffer) {
-    mask::with_lower_tasks_masked(|| {
-        // SAFETY: see `Shared`.
-        let state = unsafe { &mut *STATE.0.get() };
-        state.channel = Some((channel, buffer));
-    });
 }
 
 #[defmt::global_logger]
@@ -100,15 +90,8 @@ unsafe impl defmt::Logger for Logger {
         let state = unsafe { &mut *STATE.0.get() };
         let State { encoder, frame, length, .. } = state;
         encoder.end_frame(|bytes| State::stage(frame, length, bytes));
-        let mut taken = false;
-        if let Some((channel, buffer)) = &mut state.channel
-            && buffer.holds()
-            && let Some(whole) = state.frame.get(..state.length)
-        {
-            // A debugger may have set another mode. A full channel must drop the frame.
-            channel.set_mode(ChannelMode::NoBlockSkip);
-            taken = channel.write(whole) == whole.len();
-        }
+        let whole = state.frame.get(..state.length);
+        let taken = whole.is_some_and(|whole| UpLink::<0>.write(whole));
         if !taken {
             DROPPED.store(DROPPED.load(Relaxed).wrapping_add(1), Relaxed);
         }

@@ -11,49 +11,46 @@
 //! another address or size of a buffer than at set-up, nothing is read or written. `console/reply_channel.rs` handles a
 //! reply for which up 0 and up 2 have no room.
 
-use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init};
+use rtt_target::{ChannelMode, UpChannel, rtt_init};
 use zwidth::contract;
 
 use super::control_block::Buffer;
 
-pub use super::logger::dropped as log_dropped;
+pub type Telemetry = UpLink<1>;
+pub type Replies = UpLink<2>;
 
 pub struct Channels {
-    pub telemetry: UpLink,
-    pub replies: UpLink,
+    pub telemetry: Telemetry,
+    pub replies: Replies,
     pub commands: Commands,
 }
 
-/// A channel towards the host. It drops a message that does not fit.
-pub struct UpLink(UpChannel, Buffer);
+/// The channel towards the host with this number. It drops a message that does not fit.
+pub struct UpLink<const CHANNEL: usize>;
 
-impl contract::UpChannel for UpLink {
+impl<const CHANNEL: usize> contract::UpChannel for UpLink<CHANNEL> {
     fn write(&mut self, bytes: &[u8]) -> bool {
-        if !self.1.holds() {
+        if !Buffer::<CHANNEL>::holds() {
             return false;
         }
-        self.0.set_mode(ChannelMode::NoBlockSkip);
-        self.0.write(bytes) == bytes.len()
+        // SAFETY: the channel has been set up, and only the holder of this value uses it.
+        let Some(mut channel) = (unsafe { UpChannel::conjure(CHANNEL) }) else { return false };
+        channel.set_mode(ChannelMode::NoBlockSkip);
+        channel.write(bytes) == bytes.len()
     }
 }
 
-pub struct Commands(DownChannel, Buffer);
+pub struct Commands;
 
 impl contract::CommandChannel for Commands {
-    fn read(&mut self, bytes: &mut [u8]) -> usize {
-        if !self.1.holds() {
-            return 0;
-        }
-        let from = self.1.next_read();
-        let count = self.0.read(bytes);
-        self.1.clear(from, count);
-        count
+    fn read(&mut self) -> Option<u8> {
+        Buffer::<3>::take()
     }
 }
 
-/// Sets up the channels, and gives channel 0 to the logger. Call it only once.
+/// Sets up the channels. Call it only once.
 pub(in crate::board) fn init() -> Channels {
-    let channels = rtt_init! {
+    rtt_init! {
         up: {
             0: { size: 4096, mode: ChannelMode::NoBlockSkip, name: "defmt" }
             1: { size: 8192, mode: ChannelMode::NoBlockSkip, name: "telemetry" }
@@ -63,10 +60,9 @@ pub(in crate::board) fn init() -> Channels {
             0: { size: 256, mode: ChannelMode::NoBlockSkip, name: "commands" }
         }
     };
-    super::logger::start(channels.up.0, Buffer::of(0));
-    Channels {
-        telemetry: UpLink(channels.up.1, Buffer::of(1)),
-        replies: UpLink(channels.up.2, Buffer::of(2)),
-        commands: Commands(channels.down.0, Buffer::of(3)),
-    }
+    Buffer::<0>::note();
+    Buffer::<1>::note();
+    Buffer::<2>::note();
+    Buffer::<3>::note();
+    Channels { telemetry: UpLink, replies: UpLink, commands: Commands }
 }

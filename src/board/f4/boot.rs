@@ -5,7 +5,7 @@
 use stm32f4xx_hal::pac;
 use zwidth::contract::UpChannel as _;
 
-use super::super::super::common::rtt::UpLink;
+use super::super::super::common::rtt::Replies;
 
 const OTHER_CHIP: &[u8] =
     b"error: another chip than this image is for, nothing runs: see docs/first-power-up.md\n";
@@ -19,7 +19,7 @@ const LOOKS: u32 = 200_000;
 
 /// Compares the number of this chip's type, `DEV_ID`, with `expected` (RM0390 33.6.1, RM0090 38.6.1). If they differ,
 /// the board reports it and stops.
-pub fn expect_chip(dbgmcu: &pac::DBGMCU, expected: u32, replies: &mut UpLink) {
+pub fn expect_chip(dbgmcu: &pac::DBGMCU, expected: u32, replies: &mut Replies) {
     let id = u32::from(dbgmcu.idcode().read().dev_id().bits());
     if id != expected {
         defmt::error!("chip {=u32:#x}, this image is for {=u32:#x}: nothing runs", id, expected);
@@ -27,7 +27,7 @@ pub fn expect_chip(dbgmcu: &pac::DBGMCU, expected: u32, replies: &mut UpLink) {
     }
 }
 
-pub fn expect_clock(rcc: &pac::RCC, external: bool, replies: &mut UpLink) {
+pub fn expect_clock(rcc: &pac::RCC, external: bool, replies: &mut Replies) {
     rcc.cr().modify(|_, w| w.hsebyp().bit(external));
     rcc.cr().modify(|_, w| w.hseon().set_bit());
     if (0..LOOKS).all(|_| rcc.cr().read().hserdy().bit_is_clear()) {
@@ -36,7 +36,7 @@ pub fn expect_clock(rcc: &pac::RCC, external: bool, replies: &mut UpLink) {
     }
 }
 
-fn stay(replies: &mut UpLink, why: &[u8]) -> ! {
+fn stay(replies: &mut Replies, why: &[u8]) -> ! {
     replies.write(why);
     loop {
         cortex_m::asm::nop();

@@ -40,7 +40,10 @@ use zwidth::{
     velocity::Sense,
 };
 
-use super::super::{common::rtt, off};
+use super::super::{
+    common::{logger, rtt},
+    off,
+};
 
 /// Values and parts that differ from board to board.
 pub trait Wiring: Sized {
@@ -95,7 +98,8 @@ impl<W: Wiring> Board for F4<W> {
     type OutputWatchdog = output_watchdog::OutputWatchdog;
     type FaultMemory = fault_memory::FaultMemory;
     type Flash = flash::SettingsFlash;
-    type Up = rtt::UpLink;
+    type Telemetry = rtt::Telemetry;
+    type Replies = rtt::Replies;
     type Commands = rtt::Commands;
 
     fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<Self> {
@@ -118,7 +122,7 @@ impl<W: Wiring> Board for F4<W> {
     }
 
     fn log_dropped() -> u32 {
-        rtt::log_dropped()
+        logger::dropped()
     }
 }
 

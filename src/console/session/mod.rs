@@ -33,6 +33,10 @@ use stream::Stream;
 /// The largest number of bytes that one pass takes. The channel holds as many.
 const BYTES_A_PASS: usize = 256;
 
+/// Number of passes after which an order without an answer, or a pass without a report, is a fault. Both come with the
+/// next output. In the meantime the console reads no command, not even `disarm`.
+const UNHEARD_PASSES: u8 = 50;
+
 /// Purpose of the order whose answer is awaited.
 #[allow(
     clippy::large_enum_variant,
@@ -82,6 +86,8 @@ pub struct Console<P> {
     /// Number of the design that equals the stored settings, or 0 if there is none.
     pub(super) design: u8,
     awaited: Option<Awaited>,
+    /// Number of passes since the last report at which no order was under way.
+    unheard: u8,
     /// Newest output, and the state at this output. The state does not include a running series, which only the console
     /// knows.
     pub(super) latest: Option<(Situation, Record)>,
@@ -111,6 +117,7 @@ impl<P: Port> Console<P> {
             stored: Doubled::new(stored),
             design: device.designs.number_of(&stored.settings.velocity),
             awaited: None,
+            unheard: 0,
             latest: None,
             series: None,
             over: None,
@@ -184,13 +191,22 @@ impl<P: Port> Console<P> {
                 ));
             }
         }
+        if self.awaited.is_none() {
+            self.unheard = 0;
+        }
     }
 
     /// Continues a series, or obeys a command if `listens` allows it. Returns whether there was anything to do. Call it
-    /// after the reports.
+    /// after the reports, which come with every output.
     pub fn pass(&mut self, listens: bool) -> bool {
+        self.unheard = self.unheard.saturating_add(1);
         let free = self.awaited.is_none() && self.latest.is_some();
         free && (self.pursue() || listens && self.listen())
+    }
+
+    /// Whether no command can be heard any more, because a flipped bit has stopped reports, orders or answers.
+    pub fn is_deaf(&self) -> bool {
+        self.unheard > UNHEARD_PASSES
     }
 
     /// Reads up to the end of one line and obeys it. Returns whether there were bytes. A pass takes one line. The
@@ -269,8 +285,13 @@ impl<P: Port> Console<P> {
         if !self.is_whole() {
             return self.lose();
         }
-        if self.port.order(order) {
-            self.awaited = Some(awaited);
+        self.give(order, awaited);
+    }
+
+    fn give(&mut self, order: Order, awaited: Awaited) {
+        self.awaited = Some(awaited);
+        if !self.port.order(order) {
+            self.unheard = u8::MAX; // there is always room, if no bit has flipped
         }
     }
 
@@ -290,9 +311,7 @@ impl<P: Port> Console<P> {
     /// Orders the fault for a flipped bit, which switches the force off. Drops all proposed settings.
     fn trip(&mut self) {
         self.stream.answered(false);
-        if self.port.order(Order::Request(Request::Trip(Fault::Memory))) {
-            self.awaited = Some(Awaited::Quiet);
-        }
+        self.give(Order::Request(Request::Trip(Fault::Memory)), Awaited::Quiet);
     }
 
     #[cfg(test)]
@@ -304,6 +323,12 @@ impl<P: Port> Console<P> {
             stored.settings.wall.damping_n_s_per_m += 2.0;
             self.stored.spoil(stored);
         }
+    }
+
+    /// Makes the console wait for an answer that never comes.
+    #[cfg(test)]
+    pub(super) fn flip_awaited(&mut self) {
+        self.awaited = Some(Awaited::Quiet);
     }
 
     /// Handles a flipped bit in settings or device. From now on the console gives no order except the order for this

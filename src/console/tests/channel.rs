@@ -54,3 +54,40 @@ fn one_line_a_pass_and_at_most_a_channel_of_bytes() {
     bench.console.pass(true);
     assert_eq!(bench.console.port.typed.len(), 1000 - 256);
 }
+
+/// Passes with a report each. Returns the number of the pass after which the console says that it is deaf.
+fn deaf_after(bench: &mut Bench, reports: bool) -> Option<u32> {
+    (1..200).find(|_| {
+        if reports {
+            bench.report(Event::None);
+        }
+        bench.console.pass(true);
+        bench.console.is_deaf()
+    })
+}
+
+#[test]
+fn an_order_that_is_never_answered_or_has_no_room_is_noticed() {
+    let mut bench = Bench::new(ARMED);
+    assert_eq!(deaf_after(&mut bench, true), None);
+    bench.console.flip_awaited();
+    assert_eq!(bench.type_in("disarm"), (Vec::new(), Vec::new()));
+    assert_eq!(deaf_after(&mut bench, true), Some(49));
+    let mut bench = Bench::new(ARMED);
+    bench.console.port.clogged = true;
+    bench.type_in("disarm");
+    assert!(bench.console.is_deaf());
+}
+
+#[test]
+fn reports_that_never_come_are_noticed() {
+    let mut bench = Bench::new(ARMED);
+    assert_eq!(deaf_after(&mut bench, false), Some(51));
+}
+
+#[test]
+fn bytes_of_0_are_passed_over_together() {
+    let mut bench = Bench::new(ARMED);
+    bench.console.port.typed.extend([0; 248]);
+    assert_eq!(bench.orders("disarm"), Order::Request(Request::Disarm));
+}

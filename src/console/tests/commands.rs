@@ -92,7 +92,7 @@ fn what_the_rules_refuse_gives_no_order() {
     bench.report(Event::None);
     assert_eq!(bench.says("arm"), "error: settings are not valid or outside the envelope: see get");
     // If the wall is outside the envelope, the refusal has the allowed range.
-    bench.console.stored.edit(|stored| stored.settings.wall.stiffness_n_per_m = 5000.0);
+    bench.console.stored.change(|stored| stored.settings.wall.stiffness_n_per_m = 5000.0);
     let outside =
         "error: beyond the envelope: k at this b is allowed from 0 to 4000, or unlock envelope";
     assert_eq!(bench.says("arm"), outside);
@@ -125,7 +125,7 @@ fn settings_of_the_loop_are_proposed_and_kept_once_taken() {
     ];
     for (line, reply, edit) in cases {
         let mut bench = Bench::new(OFF);
-        bench.console.stored.edit(|stored| stored.settings.wall.damping_n_s_per_m = 1.0);
+        bench.console.stored.change(|stored| stored.settings.wall.damping_n_s_per_m = 1.0);
         let before = bench.stored();
         let mut after = before;
         edit(&mut after);
@@ -181,7 +181,7 @@ fn an_estimator_is_tuned_by_what_it_has() {
     bench
         .console
         .stored
-        .edit(|stored| stored.settings.velocity = EstimatorName::Difference.defaults());
+        .change(|stored| stored.settings.velocity = EstimatorName::Difference.defaults());
     for line in ["cutoff 1000", "tuning 1000"] {
         assert_eq!(bench.says(line), "error: this estimator has nothing to tune");
     }
@@ -191,7 +191,7 @@ fn an_estimator_is_tuned_by_what_it_has() {
         if name.missing(DEVICE.senses).is_some() {
             continue;
         }
-        bench.console.stored.edit(|stored| stored.settings.velocity = name.defaults());
+        bench.console.stored.change(|stored| stored.settings.velocity = name.defaults());
         for (parameter, number) in further.into_iter().flatten().zip(2..) {
             let line = format!("tuning{number} {}", Decimal(parameter.default));
             let order = bench.orders(&line);
@@ -216,7 +216,7 @@ fn an_estimator_is_tuned_by_what_it_has() {
 fn an_estimator_of_many_parameters_is_saved_too() {
     for name in [EstimatorName::Biquad, EstimatorName::Biquad2, EstimatorName::FoawEnd] {
         let mut bench = Bench::new(OFF);
-        bench.console.stored.edit(|stored| stored.settings.velocity = name.defaults());
+        bench.console.stored.change(|stored| stored.settings.velocity = name.defaults());
         assert_eq!(bench.orders("save"), Order::Request(Request::Stall(true)));
     }
 }
@@ -231,7 +231,7 @@ fn settings_that_cannot_be_are_refused_with_what_is_allowed() {
     assert!(bench.says("fullscale 50").starts_with("error: full_scale_n is 50, allowed "));
     assert!(bench.says("fullscale 1").starts_with("error: full_scale_n is 1, allowed "));
     // the loop accepts this setting, but no hit can run with it
-    bench.console.stored.edit(|stored| stored.push_n = 5.0);
+    bench.console.stored.change(|stored| stored.push_n = 5.0);
     assert!(bench.says("fullscale 3").starts_with("error: push_n is 5, allowed "));
     if let Some(blind) = blind_estimator() {
         let refused = bench.says(&format!("estimator {}", blind.text()));
@@ -239,7 +239,7 @@ fn settings_that_cannot_be_are_refused_with_what_is_allowed() {
     }
     let mut bench = Bench::new(ARMED);
     assert_eq!(bench.says("calibrate 31"), "error: calibrate is 31, allowed -30 to 30");
-    bench.console.stored.edit(|stored| stored.start_m = 0.07);
+    bench.console.stored.change(|stored| stored.start_m = 0.07);
     assert!(bench.says("hit").starts_with("error: start_m is 0.07, allowed -0.04 to "));
 }
 
@@ -285,7 +285,7 @@ fn experiments_are_started_and_stopped() {
     assert_eq!(bench.orders("pulses -1.2"), Order::Pulses(train));
     assert_eq!(bench.answer(Ok(())), ["ok pulses"]);
     // A wall with a force would act during the pulses.
-    bench.console.stored.edit(|stored| stored.settings.wall.stiffness_n_per_m = 2000.0);
+    bench.console.stored.change(|stored| stored.settings.wall.stiffness_n_per_m = 2000.0);
     let said = "error: stiffness_n_per_m is 2000, allowed 0 to 0";
     assert_eq!(bench.says("pulses 1"), said);
     let calibration = DEVICE.calibration(&DEVICE.defaults(), -20.0).unwrap();
@@ -316,7 +316,7 @@ fn telemetry_is_switched_and_numbered() {
 fn saving_stalls_writes_and_goes_on() {
     for broken in [false, true] {
         let mut bench = Bench::new(OFF);
-        bench.console.stored.edit(|stored| stored.push_n = 1.0);
+        bench.console.stored.change(|stored| stored.push_n = 1.0);
         bench.console.port.broken = broken;
         assert_eq!(bench.orders("save"), Order::Request(Request::Stall(true)));
         assert_eq!(bench.console.port.flash, None);
@@ -376,11 +376,11 @@ fn an_estimator_that_leaves_no_time_for_the_period_is_refused_either_way() {
     let Some(name) = EstimatorName::ALL.iter().find(slow) else { return };
     let no_time = crate::period::leaves_time(*name, 1).unwrap_err();
     let mut bench = Bench::new(OFF);
-    bench.console.stored.edit(|stored| stored.period = 1);
+    bench.console.stored.change(|stored| stored.period = 1);
     let refused = format!("error: {no_time}");
     assert_eq!(bench.says(&format!("estimator {}", name.text())), refused);
-    bench.console.stored.edit(|stored| stored.period = 2);
-    bench.console.stored.edit(|stored| stored.settings.velocity = name.defaults());
+    bench.console.stored.change(|stored| stored.period = 2);
+    bench.console.stored.change(|stored| stored.settings.velocity = name.defaults());
     assert_eq!(bench.says("period 1"), refused);
 }
 

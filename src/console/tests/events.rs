@@ -44,7 +44,7 @@ fn a_hit_says_its_verdict_or_why_there_is_none() {
 #[test]
 fn a_calibration_says_its_force_when_it_holds_and_when_it_is_over() {
     let mut bench = Bench::new(ARMED);
-    bench.console.stored.edit(|stored| stored.full_scale_n = 5.0);
+    bench.console.stored.change(|stored| stored.full_scale_n = 5.0);
     let force = Force::saturating_from_bits(1 << 28);
     let record = Record { force, command: OutputCode(2560), ..Record::EMPTY };
     for (event, said) in [
@@ -91,19 +91,19 @@ fn outputs_of_a_millisecond_share_a_frame() {
     };
     send(&mut bench, &[0, 10, 20], 1, 0);
     assert_eq!(frames(&mut bench), [0, 10, 20].map(|n| (2, std::vec![n])));
-    bench.console.stored.edit(|stored| stored.period = 2);
+    bench.console.stored.change(|stored| stored.period = 2);
     send(&mut bench, &[30, 32, 34, 36, 38, 40], 1, 0);
     assert_eq!(frames(&mut bench), [(2, std::vec![30, 32, 34, 36, 38])]);
     send(&mut bench, &[42], 2, 0);
     send(&mut bench, &[44, 46], 2, 20);
     send(&mut bench, &[50, 70], 2, 20); // some are missing
-    bench.console.stored.edit(|stored| stored.period = 10);
+    bench.console.stored.change(|stored| stored.period = 10);
     send(&mut bench, &[80, 90], 2, 20);
     let expected: [(u8, &[u64]); 6] =
         [(2, &[40]), (2, &[42]), (2, &[44, 46]), (2, &[50]), (2, &[70, 80]), (2, &[90])];
     let expected = expected.map(|(version, samples)| (version, samples.to_vec()));
     assert_eq!(frames(&mut bench), expected);
-    bench.console.stored.edit(|stored| stored.period = 1);
+    bench.console.stored.change(|stored| stored.period = 1);
     let all: Vec<u64> = (100..120).collect();
     send(&mut bench, &all, 2, 20);
     let halves = [(2, all[..10].to_vec()), (2, all[10..].to_vec())];

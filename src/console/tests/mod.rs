@@ -51,6 +51,8 @@ struct Board {
     tested: Vec<Part>,
     /// Whether nobody reads the lines.
     deaf: bool,
+    /// Whether there is no room for an order.
+    clogged: bool,
     /// The parameters of the last order.
     in_force: Option<LoopParameters>,
 }
@@ -88,7 +90,7 @@ impl Port for Board {
         if let Order::LoopParameters(parameters, _) = order {
             self.in_force = Some(parameters);
         }
-        true
+        !self.clogged
     }
 
     fn is_in_force(&mut self, asked: &LoopParameters) -> bool {

@@ -13,7 +13,7 @@ const CODE_N: f64 = 5.906 / 2047.0;
 /// A bench that is armed, with the wall at 0.07 m and the criterion `quiet`.
 fn bench() -> Bench {
     let mut bench = Bench::new(FREE);
-    bench.console.stored.edit(|stored| {
+    bench.console.stored.change(|stored| {
         stored.settings.wall.stiffness_n_per_m = K;
         stored.settings.wall.damping_n_s_per_m = 10.0;
     });

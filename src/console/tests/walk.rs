@@ -187,7 +187,7 @@ fn force_that_goes_off_between_two_hits_ends_it() {
 #[test]
 fn a_wall_or_hit_that_cannot_be_built_ends_it() {
     let mut bench = begun();
-    bench.console.stored.edit(|stored| stored.settings.wall.position_m = f64::NAN);
+    bench.console.stored.change(|stored| stored.settings.wall.position_m = f64::NAN);
     bench.console.pass(true);
     let (lines, orders) = bench.take();
     assert!(lines[0].starts_with("walk: position_m is "), "{lines:?}");
@@ -195,7 +195,7 @@ fn a_wall_or_hit_that_cannot_be_built_ends_it() {
     let mut bench = begun();
     next(&mut bench);
     bench.answer(Ok(()));
-    bench.console.stored.edit(|stored| stored.settle_s = -1.0);
+    bench.console.stored.change(|stored| stored.settle_s = -1.0);
     bench.console.pass(true);
     assert_eq!(bench.take().0, [aborted("a setting is out of range")]);
 }
@@ -203,16 +203,16 @@ fn a_wall_or_hit_that_cannot_be_built_ends_it() {
 #[test]
 fn a_walk_that_could_not_run_is_not_begun() {
     let mut bench = Bench::new(FREE);
-    bench.console.stored.edit(|stored| stored.grid.stiffness_step_n_per_m = -1.0);
+    bench.console.stored.change(|stored| stored.grid.stiffness_step_n_per_m = -1.0);
     assert!(bench.says("walk").starts_with("error: stiffness_step_n_per_m is -1, allowed "));
     let mut bench = Bench::new(FREE);
-    bench.console.stored.edit(|stored| stored.start_m = 0.09);
+    bench.console.stored.change(|stored| stored.start_m = 0.09);
     assert!(bench.says("walk").starts_with("error: start_m is 0.09, allowed "));
     // each setting can be changed, wherever the wall is
     for line in ["push 1.5", "kstart 1000", "settle 3", "start 0"] {
         assert!(bench.says(line).starts_with("ok "), "{line}");
     }
-    bench.console.stored.edit(|stored| stored.settings.wall.position_m = -0.05);
+    bench.console.stored.change(|stored| stored.settings.wall.position_m = -0.05);
     let refused = bench.says("walk");
     assert!(refused.starts_with("error: position_m is -0.05, allowed -0.039999 to "), "{refused}");
 }

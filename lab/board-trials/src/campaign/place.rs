@@ -195,11 +195,7 @@ pub fn flip_register(world: &mut World<'_>, address: u32, bit: u8) {
 }
 
 /// Address and words of the symbol with this name.
-pub(super) fn words_of(
-    elf: &Elf,
-    world: &World<'_>,
-    name: &str,
-) -> Result<(u32, Vec<u32>), Failed> {
+pub fn words_of(elf: &Elf, world: &World<'_>, name: &str) -> Result<(u32, Vec<u32>), Failed> {
     let (from, size) = elf.place_of(name)?;
     let words = (from..from + size / 4 * 4).step_by(4).map(|at| word_at(world, at));
     Ok((from, words.collect()))
@@ -211,7 +207,7 @@ pub(super) fn word_at(world: &World<'_>, address: u32) -> u32 {
     u32::from_le_bytes(word)
 }
 
-pub(super) fn flip_word(world: &mut World<'_>, address: u32, bit: u8) {
+pub fn flip_word(world: &mut World<'_>, address: u32, bit: u8) {
     let flipped = word_at(world, address) ^ 1 << bit;
     world.powered.mcu.write(address, &flipped.to_le_bytes());
 }

@@ -9,7 +9,7 @@ use super::{
         register_name,
     },
     situation::{Situation, Stage, Start},
-    verdict::{Measure, Verdict},
+    verdict::{Class, Measure, Verdict, hears_disarm},
 };
 use crate::random::Random;
 
@@ -115,7 +115,10 @@ pub fn flip(
         free: !contact,
         full_m_per_s2,
     };
-    let verdict = measure.verdict(world);
+    let mut verdict = measure.verdict(world);
+    if verdict.off_s.is_none() && !hears_disarm(world) {
+        verdict.class = Class::Unheard;
+    }
     let what = format!("{}: {what} at cycle {cycle} of start {}", region.text(), start.index);
     Ok((situation, Flip { region, what, verdict }))
 }

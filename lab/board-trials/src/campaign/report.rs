@@ -47,7 +47,7 @@ pub struct Campaign {
     image: u64,
     /// Flip every N-th bit of the data that `sample` keeps, at several cutoffs, estimators and output periods. 1 flips
     /// every bit, 0 flips none.
-    #[arg(long, value_name = "N", default_value_t = 0, conflicts_with_all = ["elf", "current_sense"], value_parser = clap::value_parser!(u64).range(0..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 0, conflicts_with = "current_sense", value_parser = clap::value_parser!(u64).range(0..=10_000))]
     sample_bits: u64,
     /// Use only the setups whose console lines contain these words, such as "period 1, cutoff 50" or "kalman".
     #[arg(long, value_name = "WORDS", requires = "sample_bits", default_value = "")]
@@ -113,6 +113,7 @@ struct ClassJson {
     off_in_time: u64,
     off_late: u64,
     unnoticed: u64,
+    unheard: u64,
 }
 
 #[derive(Serialize)]
@@ -186,8 +187,12 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
     let mut wrong = Vec::new();
     for (board, chosen) in boards.into_iter().zip(chosen) {
         if options.sample_bits > 0 {
-            let found =
-                sample_bits(board, &options.setup, (options.first, options.sample_bits), threads)?;
+            let found = sample_bits(
+                (board, options.elf.as_deref()),
+                &options.setup,
+                (options.first, options.sample_bits),
+                threads,
+            )?;
             let named = found.iter().flat_map(|setup| {
                 setup.wrong.iter().map(|why| format!("{} {}, {why}", board.name, setup.setup))
             });
@@ -270,6 +275,9 @@ impl Json {
             if verdict.on_in_fault {
                 wrong.push(format!("{board} {name}: on in a fault"));
             }
+            if verdict.class == Class::Unheard {
+                wrong.push(format!("{board} {name}: {}", Class::Unheard.text()));
+            }
             let (region, reason) = (Some(region), None);
             self.rows.push(RowJson { board, name, situation, verdict, region, reason });
         }
@@ -341,9 +349,9 @@ fn chosen(board: Board, options: &Campaign) -> Result<Vec<Row>, Error> {
 
 impl ClassJson {
     fn new(board: &'static str, random: bool, classes: &Tally<Class>) -> Self {
-        let [no_effect, bounded, off_in_time, off_late, unnoticed] =
+        let [no_effect, bounded, off_in_time, off_late, unnoticed, unheard] =
             CLASSES.map(|class| classes.count(class));
-        Self { board, random, no_effect, bounded, off_in_time, off_late, unnoticed }
+        Self { board, random, no_effect, bounded, off_in_time, off_late, unnoticed, unheard }
     }
 }
 
@@ -383,7 +391,7 @@ fn ms(off_s: Option<f64>, digits: usize) -> String {
 fn say(json: &Json) -> Result<(), Error> {
     for RowJson { board, name, situation, verdict, region, reason } in &json.rows {
         let &Verdict { class, off_s, speed_m_per_s, travel_m, code, .. } = verdict;
-        if region.is_some() && !matches!(class, Class::OffLate | Class::Unnoticed) {
+        if region.is_some() && class < Class::OffLate {
             continue;
         }
         print_text(&format!(

@@ -1,7 +1,10 @@
 //! Measures the result of a fault.
 
 use serde::Serialize;
-use virtual_board::world::{Seen, World};
+use virtual_board::{
+    board::Powered,
+    world::{Seen, World},
+};
 use zwidth::{
     safety::{Fault, FaultRecord},
     telemetry::{Decoder, Flags},
@@ -22,10 +25,18 @@ pub enum Class {
     OffLate,
     /// A wrong force stayed on.
     Unnoticed,
+    /// The force stayed on, right or wrong, and `disarm` did not switch it off.
+    Unheard,
 }
 
-pub const CLASSES: [Class; 5] =
-    [Class::NoEffect, Class::Bounded, Class::OffInTime, Class::OffLate, Class::Unnoticed];
+pub const CLASSES: [Class; 6] = [
+    Class::NoEffect,
+    Class::Bounded,
+    Class::OffInTime,
+    Class::OffLate,
+    Class::Unnoticed,
+    Class::Unheard,
+];
 
 impl Class {
     pub const fn text(self) -> &'static str {
@@ -35,6 +46,7 @@ impl Class {
             Self::OffInTime => "off in time",
             Self::OffLate => "off late",
             Self::Unnoticed => "unnoticed",
+            Self::Unheard => "disarm unheard",
         }
     }
 }
@@ -78,7 +90,7 @@ impl Verdict {
     /// found, if this is so.
     pub fn wrong(&self, reason: Option<&str>) -> Option<String> {
         let fast = self.off_s.is_some_and(|off_s| off_s <= SOON_S);
-        if matches!(self.class, Class::OffLate | Class::Unnoticed) && reason.is_none() {
+        if self.class >= Class::OffLate && reason.is_none() {
             Some(self.class.text().to_owned())
         } else if self.on_in_fault {
             Some("on in a fault".to_owned())
@@ -139,6 +151,24 @@ const TOLD: u64 = 2_000;
 /// Number of samples for which a board with a damaged program is watched after the force is off. This covers an output
 /// period and the time of the output watchdog.
 const AFTER_FROM_MEMORY: u64 = 30;
+
+/// Number of samples within which `disarm` must switch the force off, and how often a person sends it.
+const HEARD: usize = 1_000;
+const DISARMS: usize = 2;
+
+/// Sends `disarm`. Returns whether the force goes off.
+pub fn hears_disarm(world: &mut World<'_>) -> bool {
+    (0..DISARMS).any(|_| {
+        let mut rest = &b"disarm\n"[..];
+        (0..HEARD).any(|_| {
+            let Powered { mcu, rtt, .. } = &mut world.powered;
+            rest = &rest[rtt.write(mcu, 0, rest)..];
+            // As in `watch`, only the force counts.
+            let _ = world.sample();
+            !world.powered.amplifier.is_enabled()
+        })
+    })
+}
 
 /// Whether the force of the last 10 ms equals the force in `right`.
 fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
@@ -324,7 +354,7 @@ mod tests {
 
     #[test]
     fn what_stays_needs_a_reason_and_force_in_a_fault_has_none() {
-        for class in [Class::OffLate, Class::Unnoticed] {
+        for class in [Class::OffLate, Class::Unnoticed, Class::Unheard] {
             assert_eq!(Verdict::of(class).wrong(None).as_deref(), Some(class.text()));
             assert_eq!(Verdict::of(class).wrong(Some("it looks the same")), None);
         }

@@ -37,6 +37,8 @@ const SETUP: &str = "zero\nunlock envelope\nk 2000\nb 10\npush 1\nsettle 3\nwind
 /// Speed of the hand that moves the handle into the wall, in m/s, and the number of samples. It stops 0.2 mm behind the
 /// wall's face.
 const INTO_WALL: (f64, u64) = (0.052, 1_000);
+/// Largest share of a burst's time that `link` may take.
+const LINK_MOST: f64 = 0.3;
 /// Number of samples from `arm` until the board is armed.
 const ARMS: u64 = 3_400;
 /// Largest number of lines of a burst.
@@ -297,6 +299,8 @@ impl<'a> Host<'a> {
         let took_s = (mcu.now() - begun) as f64 / hz;
         let fed_ms = watch.longest_unfed as f64 / hz * 1e3;
         let link = if took_s < 0.1 { 0.0 } else { watch.tasks[&LINK].total as f64 / hz / took_s };
+        rule(saves || link <= LINK_MOST, || format!("`link` takes {:.1} %", link * 100.0))
+            .map_err(End::Difference)?;
         Ok(Row {
             period,
             bursts: 1,
