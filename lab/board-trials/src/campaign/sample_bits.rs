@@ -1,5 +1,7 @@
 //! Flips each bit of the data that `sample` keeps, at several cutoffs, estimators and output periods.
 
+use std::path::Path;
+
 use host_sim::error::Error;
 use serde::Serialize;
 use virtual_board::{board::Board, image, session::Session, world::World};
@@ -42,12 +44,12 @@ pub struct SampleBits {
 }
 
 /// Flips every `step`-th bit from bit `first` on, in free motion and in contact. A setup is left out if its console
-/// lines do not contain `part`.
+/// lines do not contain `part`. With an `elf`, the setups of other images are left out.
 ///
 /// # Errors
 /// No setup contains `part`, an image cannot be built, the board refuses a setup, or the user pressed Ctrl-C.
 pub fn sample_bits(
-    board: Board,
+    (board, elf): (Board, Option<&Path>),
     part: &str,
     of_them: (u64, u64),
     threads: usize,
@@ -61,10 +63,13 @@ pub fn sample_bits(
             lines.iter().map(move |line| (period, format!("period {period}, {line}")))
         });
         let setups: Vec<_> = setups.filter(|(_, setup)| setup.contains(part)).collect();
-        if setups.is_empty() {
+        if setups.is_empty() || elf.is_some() && !features.is_empty() {
             continue;
         }
-        let elf = image::build_variant(board.name, features).map_err(Error::Internal)?;
+        let elf = match elf {
+            Some(elf) => elf.to_owned(),
+            None => image::build_variant(board.name, features).map_err(Error::Internal)?,
+        };
         let session = Session::open(board, Some(&elf), scene(board, false)?)?;
         for setup in setups {
             found.push(with(&session, setup, of_them, threads)?);
