@@ -58,6 +58,9 @@ class Browser:
         inner_wide, inner_tall = self.js("return [innerWidth, innerHeight]")
         self.driver.set_window_size(2 * wide - inner_wide, 2 * tall - inner_tall)
 
+    def slow_down(self, times):
+        self.driver.execute_cdp_cmd("Emulation.setCPUThrottlingRate", {"rate": times})
+
     def usage(self):
         """Processor time, s, and memory, MB, of all that the browser consists of; what they share counted once."""
         import psutil

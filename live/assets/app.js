@@ -155,7 +155,7 @@ by("unlock").onclick = (event) => {
   event.preventDefault();
   if (!now?.record?.unlocked) by("sure").show();
 };
-// Not by `confirm`: while it waits, the page cannot stop, and the server takes the page for absent.
+// Not by `confirm`: while it waits, the page can neither stop nor answer the server, and so loses control.
 by("sure").onclose = () => {
   if (by("sure").returnValue === "allow") link.command("unlock envelope");
   by("sure").returnValue = "";
@@ -402,6 +402,8 @@ link.on("state", (state) => {
   by("pause").textContent = view.paused ? "Go on" : "Pause";
   paused = view.paused;
   by("met").textContent = view.met == null ? (by("trigger").value === "off" ? "" : "waiting …") : `triggered at ${(view.met * (plots.seen?.step ?? 1) / plots.rate).toFixed(4)} s`;
+  // All of it is shown: the page is alive.
+  link.send({ type: "alive", number: state.number });
 });
 for (const name of ["curves", "spectra", "phase"]) link.on(name, (bytes) => { frame[name] = bytes; });
 

@@ -20,6 +20,8 @@ pub enum FromPage {
     Ask {},
     /// The owner gives control to the page that has asked for control.
     Give {},
+    /// Repeats the number of a state. Only the page's script can do so, and only after it has shown the state.
+    Alive { number: u64 },
     /// Which rows to plot: their time span, the largest number of bins, and whether the view stands still (`paused`).
     View { span_s: f64, columns: u64, paused: bool },
     /// Sets the trigger that stops the view.
@@ -61,7 +63,11 @@ impl FromPage {
             Self::Predict(Question { estimator, cutoff_hz }) => {
                 estimator.len() > 40 || !(0.1..=1e5).contains(cutoff_hz)
             }
-            Self::Stop { .. } | Self::EmergencyStop { .. } | Self::Ask {} | Self::Give {} => false,
+            Self::Stop { .. }
+            | Self::EmergencyStop { .. }
+            | Self::Ask {}
+            | Self::Give {}
+            | Self::Alive { .. } => false,
         };
         if bad { Err("a value that cannot be".to_owned()) } else { Ok(message) }
     }
@@ -75,6 +81,7 @@ mod tests {
     fn messages_are_read_or_refused() {
         let read = FromPage::read;
         assert_eq!(read(r#"{"type":"stop","id":7}"#), Ok(FromPage::Stop { id: 7 }));
+        assert_eq!(read(r#"{"type":"alive","number":7}"#), Ok(FromPage::Alive { number: 7 }));
         let trigger = r#"{"type":"trigger","on":{"level":{"signal":2,"level":5,"rising":true}}}"#;
         let level = Trigger::Level { signal: 2, level: 5, rising: true };
         assert_eq!(read(trigger), Ok(FromPage::Trigger { on: level }));
@@ -90,6 +97,7 @@ mod tests {
             "7",
             r#"{"type":"nothing"}"#,
             r#"{"type":"stop"}"#,
+            r#"{"type":"alive","number":-1}"#,
             r#"{"type":"command","line":"k 1\ndisarm"}"#,
             r#"{"type":"finger","target_m":7}"#,
             r#"{"type":"finger","target_m":1e999}"#,

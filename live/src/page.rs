@@ -85,6 +85,8 @@ struct Looks {
     line: u64,
     stops: u64,
     ticks: u32,
+    /// The number that the page must repeat next. Every state has it; the right answer makes it the next number.
+    number: u64,
 }
 
 /// The messages that a page gets next.
@@ -93,8 +95,6 @@ pub struct Tick {
     pub pictures: Vec<Vec<u8>>,
     /// State of the board as JSON.
     pub state: Option<String>,
-    /// Whether to check that the page still answers.
-    pub ping: bool,
 }
 
 pub struct Page {
@@ -107,15 +107,25 @@ impl Page {
     pub fn enter(shared: &Arc<Shared>) -> Self {
         let id = shared.seats().enter(shared.hub.now());
         let view = View { span_s: 5.0, columns: 800, end: None };
-        let looks =
-            Looks { view, paused: false, watch: Watch::default(), line: 0, stops: 0, ticks: 0 };
+        let looks = Looks {
+            view,
+            paused: false,
+            watch: Watch::default(),
+            line: 0,
+            stops: 0,
+            ticks: 0,
+            number: 0,
+        };
         Self { shared: Arc::clone(shared), id, looks: Mutex::new(looks) }
     }
 
     pub fn leave(&self) {
         let Shared { hub, scale, .. } = &*self.shared;
-        let owned = self.shared.seats().leave(self.id);
-        if owned {
+        let left = self.shared.seats().leave(self.id, hub.now());
+        if let Some(silent) = left {
+            if silent {
+                hub.note("the page with control did not answer: it has lost control");
+            }
             // Without an owner, the force goes off at once. It does not wait until the board misses `alive`.
             hub.touch(None, scale.resolution_m);
             let on = hub.known().is_on();
@@ -124,11 +134,6 @@ impl Page {
                 hub.stop(0);
             }
         }
-    }
-
-    /// Notes that the page has answered.
-    pub fn hear(&self) {
-        self.shared.seats().hear(self.id, self.shared.hub.now());
     }
 
     /// Whether the page has not answered for so long that it is treated as closed.
@@ -183,6 +188,13 @@ impl Page {
                 hub.touch(None, scale.resolution_m);
                 hub.stop(0);
             }
+            FromPage::Alive { number } => {
+                let mut looks = lock(&self.looks);
+                if number == looks.number {
+                    looks.number += 1;
+                    self.shared.seats().hear(self.id, hub.now());
+                }
+            }
             FromPage::View { span_s, columns, paused } => {
                 let newest = hub.history().rows()[1];
                 let mut looks = lock(&self.looks);
@@ -214,7 +226,7 @@ impl Page {
         let stops = self.shared.hub.known().stops;
         let stopped = std::mem::replace(&mut looks.stops, stops) != stops;
         let state = (ticks.is_multiple_of(2) || stopped).then(|| self.state(&mut looks));
-        Tick { pictures, state, ping: ticks.is_multiple_of(3) }
+        Tick { pictures, state }
     }
 
     fn pictures(&self, looks: &mut Looks) -> Vec<Vec<u8>> {
@@ -304,6 +316,7 @@ impl Page {
         });
         json!({
             "type": "state",
+            "number": looks.number,
             "record": record,
             "settings": known.settings,
             "settings_after": known.settings_after,

@@ -1,9 +1,10 @@
 //! Which page controls the board: one page is the owner, and the others watch. The owner changes only if a person acts,
-//! or when the owner's page is closed.
+//! or when the owner's page is closed or falls silent. A page is silent if its script does not answer. After a silent
+//! owner control waits for a person: a page that comes back does not take it by itself.
 
 use std::time::Duration;
 
-/// Time without an answer from the owner's page after which the force is switched off.
+/// Time without an answer from the script of the owner's page after which the force is switched off.
 pub const ABSENT: Duration = Duration::from_secs(1);
 /// Time without an answer after which a page is treated as closed and loses control, even if its socket is still open.
 pub const GONE: Duration = Duration::from_secs(2);
@@ -16,29 +17,32 @@ pub struct Seats {
     pub owner: Option<u64>,
     /// The page that has asked for control.
     pub asking: Option<u64>,
+    /// Whether the last owner fell silent, and nobody has taken control since.
+    lost: bool,
 }
 
 impl Seats {
-    /// Adds a page. The page becomes the owner if there is no owner.
+    /// Adds a page. The page becomes the owner if there is no owner, unless the last owner fell silent.
     pub fn enter(&mut self, now: Duration) -> u64 {
         self.last += 1;
         self.pages.push((self.last, now));
-        if self.owner.is_none() {
+        if self.owner.is_none() && !self.lost {
             self.own(Some(self.last));
         }
         self.last
     }
 
-    /// Removes a page. Returns whether the page was the owner. If the owner is removed, the page that has asked for
-    /// control becomes the owner. If no page has asked, there is no owner.
-    pub fn leave(&mut self, page: u64) -> bool {
+    /// Removes a page. If the owner is removed, the page that has asked for control becomes the owner, and whether the
+    /// owner fell silent is returned. If no page has asked, there is no owner.
+    pub fn leave(&mut self, page: u64, now: Duration) -> Option<bool> {
+        let silent = self.is_gone(page, now);
         self.pages.retain(|(other, _)| *other != page);
         self.asking = self.asking.filter(|other| *other != page);
-        let owned = self.owner == Some(page);
-        if owned {
+        self.owns(page).then(|| {
             self.own(self.asking);
-        }
-        owned
+            self.lost = silent && self.owner.is_none();
+            silent
+        })
     }
 
     /// Notes that a page asks for control. Returns whether the page must wait for the owner.
@@ -61,7 +65,7 @@ impl Seats {
     }
 
     fn own(&mut self, page: Option<u64>) {
-        (self.owner, self.asking) = (page, None);
+        (self.owner, self.asking, self.lost) = (page, None, false);
     }
 
     pub fn hear(&mut self, page: u64, now: Duration) {
@@ -111,9 +115,9 @@ mod tests {
         // The control of the closed page passes to the page that has asked for it. If no page has asked, there is no
         // owner.
         assert!(seats.ask(first));
-        assert!(seats.leave(second));
+        assert_eq!(seats.leave(second, now), Some(false));
         assert!(seats.owns(first));
-        assert!(seats.leave(first));
+        assert_eq!(seats.leave(first, now), Some(false));
         assert_eq!(seats.owner, None);
         assert!(!seats.ask(third));
         assert!(seats.owns(third));
@@ -134,7 +138,13 @@ mod tests {
         assert!(!seats.is_gone(first, now + GONE), "it was heard later");
         assert!(seats.is_gone(first, now + ABSENT + GONE));
         assert!(!seats.is_gone(second, now + ABSENT + GONE));
-        seats.leave(first);
+        assert_eq!(seats.leave(first, now + ABSENT + GONE), Some(true));
         assert!(seats.attended_until().is_zero() && seats.is_gone(first, now));
+        let back = seats.enter(now);
+        assert_eq!(seats.owner, None, "what was lost by silence is taken by an act");
+        assert!(!seats.ask(back) && seats.owns(back));
+        assert_eq!(seats.leave(back, now), Some(false));
+        let next = seats.enter(now);
+        assert!(seats.owns(next), "the owner was closed");
     }
 }

@@ -1,6 +1,8 @@
 //! The HTTP and WebSocket server. It listens on the loopback interface only.
 
 mod socket;
+#[cfg(test)]
+mod tests;
 
 use std::{
     collections::HashMap,
@@ -32,7 +34,7 @@ use live::{
     page::Shared,
     predicted::{Predicted, predict},
 };
-use tokio::sync::Semaphore;
+use tokio::{net::TcpListener, sync::Semaphore};
 
 /// Time between two checks whether the pages still answer.
 const LOOK: Duration = Duration::from_millis(20);
@@ -106,15 +108,19 @@ pub fn serve(shared: Shared, port: u16) -> Result<(), Error> {
         .enable_all()
         .build()
         .map_err(|error| Error::Internal(error.to_string()))?;
-    let served = runtime.block_on(listen(shared, port));
+    let served = runtime.block_on(async {
+        let (app, listener) = open(shared, port).await?;
+        print_text(&app.access.address())?;
+        note("open this address in a browser on this machine; end with Ctrl-C");
+        listen(app, listener).await
+    });
     runtime.shutdown_timeout(Duration::from_millis(100));
     served
 }
 
-async fn listen(shared: Shared, port: u16) -> Result<(), Error> {
+async fn open(shared: Shared, port: u16) -> Result<(Arc<App>, TcpListener), Error> {
     let taken = |error: std::io::Error| Error::Input(format!("--port {port}: {error}"));
-    let listener =
-        tokio::net::TcpListener::bind((Ipv4Addr::LOCALHOST, port)).await.map_err(taken)?;
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).await.map_err(taken)?;
     let port = listener.local_addr().map_err(taken)?.port();
     let mut secret = [0; 16];
     getrandom::fill(&mut secret).map_err(|error| Error::Internal(error.to_string()))?;
@@ -126,8 +132,10 @@ async fn listen(shared: Shared, port: u16) -> Result<(), Error> {
         predicting: Semaphore::new(1),
         ended: AtomicBool::new(false),
     });
-    print_text(&app.access.address())?;
-    note("open this address in a browser on this machine; end with Ctrl-C");
+    Ok((app, listener))
+}
+
+async fn listen(app: Arc<App>, listener: TcpListener) -> Result<(), Error> {
     let with_state = || Arc::clone(&app);
     let router = Router::new()
         .route("/", get(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], PAGE)))

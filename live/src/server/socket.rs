@@ -36,7 +36,7 @@ pub async fn run(app: Arc<App>, socket: WebSocket, _place: OwnedSemaphorePermit)
     page.leave();
 }
 
-/// Returns when the page has not answered for too long, even if the page's socket accepts data.
+/// Returns when the page's script has not answered for too long, even if the page's socket accepts data.
 async fn silence(page: &Page) {
     let mut look = interval(TICK);
     while !page.is_gone() {
@@ -62,11 +62,8 @@ async fn read(
         }
         let text = match message {
             Message::Text(text) => text,
-            Message::Pong(_) => {
-                page.hear();
-                continue;
-            }
-            Message::Ping(_) => continue,
+            // Sent by the browser, even if the page's script hangs.
+            Message::Ping(_) | Message::Pong(_) => continue,
             Message::Binary(_) | Message::Close(_) => return,
         };
         match page.take(&text) {
@@ -117,9 +114,6 @@ async fn show(page: &Page, to: &mut To) -> Result<(), axum::Error> {
     }
     if let Some(state) = tick.state {
         to.feed(Message::Text(state.into())).await?;
-    }
-    if tick.ping {
-        to.feed(Message::Ping(Vec::new().into())).await?;
     }
     to.flush().await
 }
