@@ -291,8 +291,8 @@ pub trait DebugHalts {
 
 /// Checks the registers that decide whether a force acts, when it acts and which force it is.
 pub trait SetUp {
-    /// Whether the channels to and from the host still have the addresses and sizes of set-up. If they have changed, a
-    /// `disarm` would not arrive.
+    /// Whether the channels to and from the host are still as at set-up. If they have changed, a `disarm` may not
+    /// arrive. A call checks half of this, and the next call the other half.
     fn channels_hold(&mut self) -> bool;
 
     /// Whether all registers are still as at the first call. Called by `render` after each output.

@@ -32,20 +32,21 @@ fn word(word: usize) -> u32 {
     unsafe { place(word).read_volatile() }
 }
 
-/// Folds everything that stays as it is after set-up into one word: the head, the name, buffer and size of each channel,
-/// and the stored addresses. So a changed sum shows that a channel is damaged. Its offsets and flags change.
+/// Folds half of what stays as it is after set-up into one word: name, buffer and size of each channel, or the head and
+/// the stored addresses. So a changed sum shows that a channel is damaged. Its offsets and flags change.
 #[inline(always)]
-pub(in crate::board) fn sum() -> u32 {
+pub(in crate::board) fn sum(of_channels: bool) -> u32 {
     let mut sum = 0u32;
     let mut fold = |value: u32| sum = sum.rotate_left(1) ^ value;
-    for at in 0..HEAD {
-        fold(word(at));
-    }
-    for (channel, address) in ADDRESSES.iter().enumerate() {
-        for at in 0..=SIZE {
-            fold(word(HEAD + WORDS * channel + at));
+    if of_channels {
+        for channel in 0..SIZES.len() {
+            (0..=SIZE).for_each(|at| fold(word(HEAD + WORDS * channel + at)));
         }
-        fold(address.load(Relaxed));
+    } else {
+        (0..HEAD).for_each(|at| fold(word(at)));
+        for address in &ADDRESSES {
+            fold(address.load(Relaxed));
+        }
     }
     sum
 }

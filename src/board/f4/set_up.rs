@@ -111,10 +111,12 @@ fn sum() -> u32 {
     sum
 }
 
-/// The check of the registers. `expected` and `channels` are the checksums of the first check.
+/// The check of the registers. `expected` is the checksum of the first check.
 pub struct SetUp {
     expected: Option<u32>,
-    channels: Option<u32>,
+    /// The checksums of the two halves of the channels, which are checked in turn. Whether the second half is next.
+    channels: [Option<u32>; 2],
+    channels_next: bool,
     /// Whether the registers were wrong at an earlier check. After such a check the program itself changes the mode of
     /// the enable pin. In the checksum this change could cancel the wrong value.
     were_wrong: bool,
@@ -124,7 +126,13 @@ pub struct SetUp {
 impl SetUp {
     /// A check without expected sums. The first check sets them.
     pub const fn new(enable: BoardPin) -> Self {
-        Self { expected: None, channels: None, were_wrong: false, enable }
+        Self {
+            expected: None,
+            channels: [None; 2],
+            channels_next: false,
+            were_wrong: false,
+            enable,
+        }
     }
 }
 
@@ -137,8 +145,11 @@ fn read(address: u32) -> u32 {
 impl contract::SetUp for SetUp {
     #[inline(always)]
     fn channels_hold(&mut self) -> bool {
-        let sum = control_block::sum();
-        *self.channels.get_or_insert(sum) == sum
+        let of_channels = self.channels_next;
+        self.channels_next = !of_channels;
+        let [head, channels] = &mut self.channels;
+        let sum = control_block::sum(of_channels);
+        *if of_channels { channels } else { head }.get_or_insert(sum) == sum
     }
 
     #[inline(always)]
