@@ -122,7 +122,7 @@ crate::properties! {
     }
 
     /// The console splits any bytes into lines as the standard library does. A line that is too long is refused once.
-    /// Blank lines are ignored.
+    /// Blank lines and bytes of 0 are ignored.
     lines(150, pieces in prop::collection::vec(
         prop_oneof![
             2 => prop::collection::vec(any::<u8>(), 0..20),
@@ -143,6 +143,7 @@ crate::properties! {
                 Some(Line::Text(text)) => read.push(Ok(text.to_vec())),
             }
         }
+        let bytes: Vec<u8> = bytes.into_iter().filter(|byte| *byte != 0).collect();
         let mut pieces: Vec<&[u8]> = bytes.split(|byte| matches!(byte, b'\n' | b'\r')).collect();
         pieces.pop(); // not ended
         let expected: Vec<_> = pieces
