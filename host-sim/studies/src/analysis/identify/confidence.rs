@@ -220,6 +220,8 @@ pub(super) struct Hidden {
     pub left: DVector<f64>,
     /// The parameter is never larger than this value, whatever the record is.
     pub most: f64,
+    /// The largest change of a value that has widened its interval, in half-widths; 0 if no interval was widened.
+    pub widens: f64,
 }
 
 /// The estimates of a solution. A `hidden` parameter may have any size that the record allows. Suppose that it could
@@ -230,7 +232,7 @@ pub(super) struct Hidden {
 pub(super) fn estimates(
     solution: &Solution,
     (weighed, weighting): (&Weighed, &Weighting),
-    hidden: &[Hidden],
+    hidden: &mut [&mut Hidden],
     stop: &AtomicBool,
 ) -> Result<Estimates, String> {
     let (pieces, residual) = (&weighed.pieces()[..], &weighed.found);
@@ -274,8 +276,7 @@ pub(super) fn estimates(
         }
         half_widths.push([stated, white].map(|variance| quantile * variance.sqrt()));
     }
-    let mut is_widened = false;
-    for Hidden { by, left, most } in hidden {
+    for Hidden { by, left, most, widens } in hidden.iter_mut().map(|one| &mut **one) {
         let per_square = 1.0 / left.norm_squared();
         let mut column: Vec<f64> =
             left.iter().map(|value| value * per_square * weighed_unit).collect();
@@ -288,8 +289,8 @@ pub(super) fn estimates(
         for (own, [stated, _]) in influence.column_iter().zip(&mut half_widths) {
             let change = (own.dot(by) / weighed_unit).abs() * size;
             if change > FAR_OUTSIDE * *stated {
+                *widens = widens.max(change / *stated);
                 *stated += change;
-                is_widened = true;
             }
         }
     }
@@ -333,7 +334,7 @@ pub(super) fn estimates(
             [first, second, phase, known.unwrap_or_else(|| next(cycle))]
         }),
         widening,
-        is_widened,
+        is_widened: hidden.iter().any(|one| one.widens > 0.0),
         joint,
     })
 }

@@ -12,6 +12,7 @@
 
 mod asked;
 mod checks;
+mod cogs;
 mod columns;
 mod confidence;
 mod cycle;
@@ -37,6 +38,7 @@ mod terms;
 #[cfg(test)]
 mod tests;
 mod weighting;
+mod widen;
 
 pub use asked::{Asked, GainAsked, identify_in, read, read_all};
 pub use columns::Drive;

@@ -132,6 +132,13 @@ impl Motion {
         })
     }
 
+    /// Mean acceleration by cogging over the positions at most `half` away from `middle`.
+    fn cogging_over(&self, middle: f64, half: f64) -> f64 {
+        let angle = self.cogging.map_or(0.0, |[.., per_m]| per_m * half);
+        let mean = if angle == 0.0 { 1.0 } else { angle.sin() / angle };
+        mean * self.cogging_at(middle)
+    }
+
     /// Friction at a speed minus Coulomb friction, divided by the mass.
     fn beyond(&self, v: f64) -> f64 {
         self.stribeck.map_or(0.0, |[rise, fall]| rise * (-(v / fall).powi(2)).exp())
@@ -148,11 +155,11 @@ impl Motion {
         if self.stribeck.is_none() && self.cogging.is_none() {
             return linear;
         }
-        let at = |x: f64, v: f64| self.cogging_at(x) - sign * self.beyond(v);
-        let rate =
-            self.net(state) - self.cogging_at(state[0]) - self.d * state[1] - sign * self.friction;
         let (half, v) = (0.5 * seconds, state[1]);
-        linear + at(state[0] + half * v, v + half * (rate + at(state[0], v)))
+        let rate = self.net(state) - self.d * v - sign * (self.friction + self.beyond(v));
+        let middle_v = v + half * rate;
+        let middle_x = state[0] + 0.5 * half * (v + middle_v);
+        linear + self.cogging_over(middle_x, half * middle_v) - sign * self.beyond(middle_v)
     }
 
     /// Halves the step until the nonlinear forces are nearly constant over it. Returns the number of halvings.

@@ -11,9 +11,9 @@ use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF as _, Normal};
 
 use super::{
-    Options, checks,
-    confidence::{self, Estimate, Estimates, Hidden, standard_error},
-    cycle::{self, Cycles},
+    Options, checks, cogs,
+    confidence::{self, Estimates, standard_error},
+    cycle,
     fit::{self, Fitted, Problem, Solution},
     guess,
     layout::{Included, Layout, Parameter, Values},
@@ -39,12 +39,11 @@ const CURVE_LEAVES: f64 = 0.25;
 /// Amplitude of a force that is tried, as a share of the largest command.
 const SMALL_FORCE: f64 = 1e-4;
 /// Strides with which the search looks for cogging, in rows.
-const STRIDES_OF_COGS: [usize; 3] = [2, 8, 32];
-/// Largest number of times that the change of a parameter along the profile of the likelihood is doubled.
-const PROFILE_STEPS: usize = 14;
-/// First change of a term that is not in the model, as a share of the largest force. The first change of a parameter of
-/// the model is a half-width.
-const SMALL_TERM: f64 = 1e-4;
+const STRIDES_OF_COGS: [usize; 4] = [2, 8, 32, 128];
+/// Number of pitches that are tried for each stride.
+const LINES_OF_COGS: usize = 2;
+/// Longest time constant of the handle that an amplifier's lag may stand in for, in rows, if the lag is shorter.
+const EXCHANGED_ROWS: f64 = 100.0;
 /// Number of starts from which a fit is made.
 const STARTS_TAKEN: usize = 3;
 /// Limit for the ratio of two missing forces. The second force is computed with twice the stride of the first. If
@@ -76,7 +75,7 @@ impl Model {
         let Search { records, options, weighting } = search;
         let weighed = Weighed::new(records, &solution, options);
         let given = (&weighed, weighting);
-        let estimates = confidence::estimates(&solution, given, &[], records[0].stop)?;
+        let estimates = confidence::estimates(&solution, given, &mut [], records[0].stop)?;
         let mut jacobian = solution.jacobian.clone();
         for mut column in jacobian.column_iter_mut() {
             let norm = column.norm().max(f64::MIN_POSITIVE);
@@ -94,12 +93,12 @@ impl Model {
         self.values().layout()
     }
 
-    fn squares(&self) -> f64 {
+    pub(super) fn squares(&self) -> f64 {
         self.solution.weighed_m.norm_squared()
     }
 
     /// The part of a column that is orthogonal to the model's own derivatives.
-    fn without(&self, column: &DVector<f64>) -> DVector<f64> {
+    pub(super) fn without(&self, column: &DVector<f64>) -> DVector<f64> {
         column - &self.basis * self.basis.tr_mul(column)
     }
 
@@ -126,7 +125,7 @@ impl Model {
 
 /// The terms that a record can show. The offset is only a candidate if the rest position is known or there is no
 /// spring. In all other cases the rest position includes the offset.
-fn candidates(layout: &Layout) -> Vec<Term> {
+pub(super) fn candidates(layout: &Layout) -> Vec<Term> {
     let offset = layout.rest_m.is_some() || !layout.spring;
     Term::ALL.into_iter().filter(|term| *term != Term::Offset || offset).collect()
 }
@@ -174,6 +173,15 @@ pub(super) fn choose(
         others.iter().flatten().for_each(|other| model.estimates.hold(&other.estimates));
     }
     Ok((model, tests, search.weighting))
+}
+
+/// A linear step to a model with an encoder's error.
+struct EncoderStep {
+    values: Values,
+    /// The expected reduction of the sum of squares.
+    gain: f64,
+    /// Number of cycles that were examined.
+    looked_at: f64,
 }
 
 /// The records, options and weights that all fits of a search share.
@@ -236,6 +244,7 @@ impl Search<'_> {
         let candidates = candidates(values.layout());
         let passes = |model: &Model, term: Term| model.tested(term, candidates.len()).p < FAMILY_P;
         let mut model = plain;
+        let mut added: Vec<(Term, Values)> = vec![];
         loop {
             let before = model.as_ref().ok();
             let from = before.map_or(values, Model::values);
@@ -251,22 +260,31 @@ impl Search<'_> {
                         falls_to.is_some_and(|part| part < CURVE_LEAVES)
                             || self.is_explained(&found)
                     };
-                    (passes(&found, *term) && (!term.is_a_curve() || is_trusted())).then_some(found)
+                    let is_taken = passes(&found, *term) && (!term.is_a_curve() || is_trusted());
+                    is_taken.then_some((*term, found))
                 });
-                tried.min_by(|a, b| a.squares().total_cmp(&b.squares()))
+                tried.min_by(|(_, a), (_, b)| a.squares().total_cmp(&b.squares()))
             };
             // Periodic terms are tried last, because other missing effects also give lines in the spectrum over the
             // position.
-            let Some(best) = passing(false).or_else(|| passing(true)) else { break };
+            let Some((term, best)) = passing(false).or_else(|| passing(true)) else { break };
+            added.extend(before.map(|before| (term, before.values().clone())));
             model = Ok(best);
         }
-        let mut model = model?;
-        while let Some(gone) = candidates
-            .iter()
-            .find(|term| term.is_in(model.layout().terms) && !passes(&model, **term))
-        {
-            let terms = gone.add(model.layout().terms, false);
-            model = self.fit(Layout { terms, ..*model.layout() }, model.values(), 1.0)?;
+        let model = self.without_stand_ins(self.or_exchanged(model?), &added);
+        let mut model = self.or_falling(model);
+        // The least certain term is removed first, because it may make the others uncertain.
+        loop {
+            let inside = candidates.iter().filter(|term| term.is_in(model.layout().terms));
+            let tests = inside.map(|term| model.tested(*term, candidates.len()));
+            let mut failed: Vec<Tested> = tests.filter(|test| test.p >= FAMILY_P).collect();
+            failed.sort_by(|a, b| a.z.abs().total_cmp(&b.z.abs()));
+            let mut without = failed.into_iter().map(|test| {
+                let terms = test.term.add(model.layout().terms, false);
+                self.fit(Layout { terms, ..*model.layout() }, model.values(), 1.0)
+            });
+            let Some(first) = without.next() else { break };
+            model = first.or_else(|error| without.find_map(Result::ok).ok_or(error))?;
         }
         // Every device has friction. So if friction explains the record as well as an amplifier or offset term, that
         // term is not reported.
@@ -288,6 +306,41 @@ impl Search<'_> {
             }
         }
         Ok(model)
+    }
+
+    /// The better of two fits: this one, and the fit with friction that falls with the speed instead of cogging. At each
+    /// reversal both push in the same way, and cogging is found from worse values of the other parameters.
+    fn or_falling(&self, model: Model) -> Model {
+        let Included { friction, stribeck, cogging, .. } = model.layout().terms;
+        if !(friction && cogging) || stribeck {
+            return model;
+        }
+        let terms = Term::Cogging.add(model.layout().terms, false);
+        let start = model.values().within(Layout { terms, cogs_per_m: None, ..*model.layout() });
+        let falling = self.with(Term::Stribeck, &start, None, false);
+        falling.filter(|falling| falling.squares() < model.squares()).unwrap_or(model)
+    }
+
+    /// The model without terms that later terms make unnecessary. A term that is added early may stand in for a later
+    /// one, with values of the other parameters from which no fit leads back. So the fit without it begins with the
+    /// values from before it was added. `added` has the terms in the order in which they were added, and these values.
+    fn without_stand_ins(&self, mut model: Model, added: &[(Term, Values)]) -> Model {
+        for (term, before) in added.iter().rev().skip(1) {
+            let terms = term.add(model.layout().terms, false);
+            let layout = Layout { terms, ..*model.layout() };
+            let mut start = model.values().within(layout);
+            for parameter in before.layout().fitted() {
+                start.set(parameter, before.of(parameter));
+            }
+            for record in 0..self.records.len() {
+                start.set_start(record, before.start(record));
+            }
+            let room = enough() * model.squares() / self.rows(&model);
+            let most = model.squares() + room;
+            let without = self.fit(layout, &start, model.cycles).ok();
+            model = without.filter(|without| without.squares() < most).unwrap_or(model);
+        }
+        model
     }
 
     fn tests(&self, model: &Model, candidates: usize) -> Vec<Tested> {
@@ -365,7 +418,27 @@ impl Search<'_> {
         let most = room * before.map_or(f64::INFINITY, Model::squares);
         let fits = starts.iter().filter_map(|(_, start)| self.fit(more, start, 1.0).ok());
         let fits = fits.filter(|model| model.squares() < most);
-        fits.min_by(|a, b| a.squares().total_cmp(&b.squares()))
+        let best = fits.min_by(|a, b| a.squares().total_cmp(&b.squares()))?;
+        Some(self.or_exchanged(best))
+    }
+
+    /// The better of two fits: this one, and the fit that begins with the handle's time constant m / b and the
+    /// amplifier's lag exchanged. The speed follows the command through both lags. The order of two lags does not
+    /// matter, so both fits may be minima.
+    fn or_exchanged(&self, model: Model) -> Model {
+        let (values, layout) = (model.values(), *model.layout());
+        let [_, lag_s] = values.slow();
+        let damping = values.of(Parameter::Damping);
+        let own_s = values.of(Parameter::Mass) / damping;
+        let most_s = lag_s.max(EXCHANGED_ROWS * self.records[0].record.step_s);
+        if !layout.terms.lag || own_s <= 0.0 || own_s > most_s {
+            return model;
+        }
+        let mut start = values.clone();
+        start.set(Parameter::Mass, damping * lag_s);
+        start.set(Parameter::Lag, own_s);
+        let other = self.fit(layout, &start, model.cycles);
+        other.ok().filter(|other| other.squares() < model.squares()).unwrap_or(model)
     }
 
     fn with_phase(&self, before: &Model, likely: bool) -> Option<Model> {
@@ -377,26 +450,20 @@ impl Search<'_> {
         if likely && (is_quantised || self.weighting.is_force()) {
             return None;
         }
-        let seen = self.of_encoder(before)?;
-        let more = Layout {
-            terms: Term::Phase.add(before.layout().terms, true),
-            cycles_per_m: Some(seen.cycles_per_m),
-            ..*before.layout()
-        };
-        let (step, gain) = self.linear_step(&before.values().within(more))?;
+        let EncoderStep { values: step, gain, looked_at } = self.of_encoder(before)?;
         let rows = self.rows(before);
-        if likely && gain / (before.squares() / rows) < enough() + 2.0 * seen.looked_at.ln() {
+        if likely && gain / (before.squares() / rows) < enough() + 2.0 * looked_at.ln() {
             return None;
         }
-        let mut model = self.fit(more, &step, seen.looked_at).ok()?;
+        let mut model = self.fit(*step.layout(), &step, looked_at).ok()?;
         if self.options.cycle_m.is_none() {
             let free = Layout { cycles_per_m: None, ..*model.layout() };
-            model = self.fit(free, &model.values().within(free), seen.looked_at).ok()?;
+            model = self.fit(free, &model.values().within(free), looked_at).ok()?;
         }
         let second =
             Layout { terms: Included { second: true, ..model.layout().terms }, ..*model.layout() };
         if let Some((step, _)) = self.linear_step(&model.values().within(second))
-            && let Ok(twice) = self.fit(second, &step, seen.looked_at)
+            && let Ok(twice) = self.fit(second, &step, looked_at)
             && let Some([_, amplitude, ..]) = twice.estimates.phase
             && tail(amplitude.value / standard_error(&amplitude)) < FAMILY_P
         {
@@ -427,11 +494,10 @@ impl Search<'_> {
 
     /// Estimates by how much a term would reduce the sum of squares. The estimate is linear.
     pub(super) fn explains(&self, term: Term, model: &Model) -> Option<f64> {
-        let mut more = Layout { terms: term.add(model.layout().terms, true), ..*model.layout() };
         if term == Term::Phase {
-            more.cycles_per_m = Some(self.of_encoder(model)?.cycles_per_m);
-            return self.linear_step(&model.values().within(more)).map(|(_, gain)| gain);
+            return self.of_encoder(model).map(|step| step.gain);
         }
+        let more = Layout { terms: term.add(model.layout().terms, true), ..*model.layout() };
         self.explains_by(more, term.parameter(), model)
     }
 
@@ -547,11 +613,11 @@ impl Search<'_> {
         Some(DVector::from_vec(weights.concat()))
     }
 
-    fn rows(&self, model: &Model) -> f64 {
+    pub(super) fn rows(&self, model: &Model) -> f64 {
         self.weighting.rows(model.solution.weighed_m.len())
     }
 
-    fn problem(&self, values: Values) -> Problem<'_> {
+    pub(super) fn problem(&self, values: Values) -> Problem<'_> {
         Problem { records: self.records, values, weighting: &self.weighting }
     }
 
@@ -567,141 +633,81 @@ impl Search<'_> {
         *model.misfit.get_or_init(|| misfit(&model.weighed, self.weights().as_ref(), left))
     }
 
-    /// Widens the intervals because of terms that the record can neither show nor exclude.
-    fn widen(&self, model: &mut Model) -> Result<(), String> {
-        if self.options.terms != Terms::Auto {
-            return Ok(());
-        }
-        let layout = *model.layout();
-        // An offset is at most the friction, because a larger offset would move a handle at rest.
-        let [friction_n, _] = model.values().slow();
-        let most_n = if layout.terms.friction { friction_n } else { f64::INFINITY };
-        let hidden = candidates(&layout).into_iter().filter_map(|term| {
-            if term.is_in(layout.terms) || !matches!(term, Term::Friction | Term::Offset) {
-                return None;
-            }
-            let values =
-                model.values().within(Layout { terms: term.add(layout.terms, true), ..layout });
-            let place = values.layout().place(term.parameter())?;
-            let by = self.problem(values.clone()).by(term.parameter())?;
-            let most = if term == Term::Offset { most_n } else { f64::INFINITY };
-            Some(((values, place), Hidden { left: model.without(&by), by, most }))
-        });
-        let (with, hidden): (Vec<(Values, usize)>, Vec<Hidden>) = hidden.unzip();
-        let given = (&model.weighed, &self.weighting);
-        model.estimates =
-            confidence::estimates(&model.solution, given, &hidden, self.records[0].stop)?;
-        if model.estimates.is_widened {
-            for ((values, place), Hidden { most, .. }) in with.into_iter().zip(hidden) {
-                let by = SMALL_TERM * self.force_n(&values);
-                self.profile(model, &values, (place, by, most));
-            }
-        }
-        Ok(())
-    }
-
-    /// Widens the intervals by the profile of the likelihood. With friction the model has kinks. So the sets of
-    /// parameters that explain a record lie along a curve. Derivatives at one point do not show this curve. So the
-    /// parameter with the largest uncertainty is changed in steps, and all other parameters are fitted again. Each
-    /// interval is widened to contain all values that explain the record as well as the fitted values.
-    fn hold_profile(&self, model: &mut Model) {
-        if !model.layout().terms.friction {
-            return;
-        }
-        let Some(place) = weakest(&model.solution.jacobian) else { return };
-        let squares = self.variance(model);
-        let deviation = fit::deviation(&model.solution.jacobian, place) * squares.sqrt();
-        let values = model.values().clone();
-        self.profile(model, &values, (place, confidence::quantile() * deviation, f64::INFINITY));
-    }
-
-    /// Mean of the squares that the model leaves, over the degrees of freedom.
-    fn variance(&self, model: &Model) -> f64 {
-        model.squares() / (self.rows(model) - model.values().vector().len() as f64).max(1.0)
-    }
-
-    /// Changes the value at `place` in both directions, first by `by`, then by twice as much each time, and fits all
-    /// other values. Widens the intervals to contain all values that explain the record as well as the model. The
-    /// layout of `values` may have a term that the model lacks. The value changes by at most `most`.
-    fn profile(&self, model: &mut Model, values: &Values, (place, by, most): (usize, f64, f64)) {
-        let squares = self.variance(model);
-        let Estimate { half_width, white_half_width, .. } = model.estimates.mass;
-        let room = squares * (confidence::quantile() * half_width / white_half_width).powi(2);
-        for side in [-1.0, 1.0] {
-            let (mut at, mut last, mut next) = (values.clone(), 0.0, by);
-            for _ in 0..PROFILE_STEPS {
-                // The fit begins on the line through the first and the last values. A start beside this line may be in
-                // another regime of friction.
-                let by = f64::min(next, most);
-                let mut start = at.clone();
-                if last > 0.0 {
-                    let begun = values.vector().iter().zip(start.slice_mut());
-                    begun.for_each(|(from, to)| *to = from + (*to - from) * by / last);
-                }
-                let value = values.vector()[place] + side * by;
-                let Some((found, left)) = self.problem(start).beside(place, value, squares) else {
-                    break;
-                };
-                let more = left - model.squares();
-                if more.is_nan() || more >= room {
-                    break;
-                }
-                (at, last, next) = (found, by, 2.0 * by);
-                // The limit is between this step and the next.
-                if more > 0.5 * room || by >= most {
-                    break;
-                }
-            }
-            if last > 0.0 {
-                model.estimates.reach(&model.solution.values, &at);
-            }
-        }
-    }
-
-    /// Finds the strongest line in the spectrum of the residual over the position.
-    fn of_encoder(&self, model: &Model) -> Option<cycle::Line> {
+    /// The model with an encoder's error of the cycle that promises the largest reduction of the sum of squares.
+    fn of_encoder(&self, model: &Model) -> Option<EncoderStep> {
         let residual = (model.solution.residual_m.as_slice(), model.weighed.unit_m);
-        let cycles = self.options.cycle_m.map_or(Cycles::All, Cycles::Known);
-        cycle::strongest(self.records, residual, cycles)
+        let lines = match self.options.cycle_m {
+            Some(cycle_m) => vec![cycle::Line { cycles_per_m: 1.0 / cycle_m, looked_at: 1.0 }],
+            None => cycle::strongest(self.records, residual),
+        };
+        let steps = lines.into_iter().filter_map(|line| {
+            let more = Layout {
+                terms: Term::Phase.add(model.layout().terms, true),
+                cycles_per_m: Some(line.cycles_per_m),
+                ..*model.layout()
+            };
+            let (values, gain) = self.linear_step(&model.values().within(more))?;
+            Some(EncoderStep { values, gain, looked_at: line.looked_at })
+        });
+        steps.max_by(|a, b| a.gain.total_cmp(&b.gain))
     }
 
-    /// Finds the strongest line in the spectrum of the missing force over the position. Several strides are tried. A
-    /// long stride averages over short pitches. With a short stride, noise hides the force.
-    fn of_motor(&self, model: &Model) -> Option<cycle::Line> {
+    /// Pitches of cogging that the missing force follows. Several strides are tried. A long stride averages over short
+    /// pitches. With a short stride, noise hides the force.
+    fn of_motor(&self, model: &Model) -> Vec<cogs::Line> {
         let pieces = model.weighed.pieces();
-        let lines = STRIDES_OF_COGS.into_iter().filter_map(|stride| {
+        let strides = STRIDES_OF_COGS.into_iter();
+        let lines = strides.flat_map(|stride| {
             let weighting = self.force(model, stride);
-            let mut forces = vec![];
-            for (record, piece) in pieces.iter().enumerate() {
+            let forces = pieces.iter().enumerate().map(|(record, piece)| {
                 let mut own = weighting.weighed(record, piece.residual.to_vec());
                 // Each force is a mean with triangular weights. The middle of these weights is one stride before the
                 // row.
                 own.drain(..own.len().min(stride));
-                own.iter_mut().take(stride).for_each(|force| *force = 0.0);
                 own.resize(piece.residual.len(), 0.0);
-                forces.extend(own);
-            }
-            cycle::strongest(self.records, (&forces, model.weighed.unit_m), Cycles::Long)
+                own
+            });
+            let forces: Vec<Vec<f64>> = forces.collect();
+            let seen = (stride, model.weighed.unit_m);
+            cogs::strongest(self.records, &forces, seen, LINES_OF_COGS)
         });
-        lines.max_by(|a, b| a.strength.total_cmp(&b.strength))
+        lines.collect()
     }
 
+    /// The best fit with cogging. The pitches that would reduce the sum of squares most are tried.
     fn with_cogging(&self, before: &Model) -> Option<Model> {
-        let seen = self.of_motor(before)?;
-        let more = Layout {
+        let layout = |line: &cogs::Line| Layout {
             terms: Term::Cogging.add(before.layout().terms, true),
-            cogs_per_m: Some(seen.cycles_per_m),
+            cogs_per_m: Some(line.cogs_per_m),
             ..*before.layout()
         };
-        let (step, _) = self.linear_step(&before.values().within(more))?;
-        let model = self.fit(more, &step, seen.looked_at).ok()?;
-        let free = Layout { cogs_per_m: None, ..*model.layout() };
-        let model = self.fit(free, &model.values().within(free), seen.looked_at).ok()?;
-        (model.squares() < before.squares()).then_some(model)
+        let steps = self.of_motor(before).into_iter().filter_map(|line| {
+            let (step, gain) = self.linear_step(&before.values().within(layout(&line)))?;
+            Some((gain, step, line))
+        });
+        let mut steps: Vec<(f64, Values, cogs::Line)> = steps.collect();
+        steps.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let fits = steps.iter().take(STARTS_TAKEN).filter_map(|(_, step, line)| {
+            let model = self.fit(layout(line), step, line.looked_at).ok()?;
+            let free = Layout { cogs_per_m: None, ..*model.layout() };
+            self.fit(free, &model.values().within(free), line.looked_at).ok()
+        });
+        let best = fits.min_by(|a, b| a.squares().total_cmp(&b.squares()))?;
+        (best.squares() < before.squares()).then_some(best)
     }
 
-    /// First values of a fit with a Stribeck curve, for each speed in [`FALLS`].
+    /// First values of a fit with a Stribeck curve.
     fn stribeck_starts(&self, start: &Values) -> Vec<Values> {
+        let of = |mut values: Values| {
+            values.set(Parameter::Rise, RISE * values.of(Parameter::Friction));
+            let step = self.linear_step(&values).map(|(step, _)| step);
+            step.filter(Values::is_allowed).unwrap_or(values)
+        };
+        self.falls(start).into_iter().map(of).collect()
+    }
+
+    /// The values with each Stribeck speed of [`FALLS`].
+    pub(super) fn falls(&self, values: &Values) -> Vec<Values> {
         let fastest =
             self.records.iter().flat_map(|Fitted { record, positions_m, first, .. }| {
                 let rows = positions_m[*first..].windows(FAST_ROWS + 1);
@@ -711,11 +717,9 @@ impl Search<'_> {
             });
         let fastest = fastest.fold(0.0, f64::max);
         let of = |part: f64| {
-            let mut values = start.clone();
+            let mut values = values.clone();
             values.set(Parameter::Fall, part * fastest);
-            values.set(Parameter::Rise, RISE * values.of(Parameter::Friction));
-            let step = self.linear_step(&values).map(|(step, _)| step);
-            step.filter(Values::is_allowed).unwrap_or(values)
+            values
         };
         FALLS.into_iter().map(of).collect()
     }
@@ -819,25 +823,11 @@ impl Search<'_> {
     }
 
     /// Largest force in the records, in N.
-    fn force_n(&self, values: &Values) -> f64 {
+    pub(super) fn force_n(&self, values: &Values) -> f64 {
         let volts = self.records.iter().flat_map(|fitted| &fitted.record.command);
         let most_v = volts.fold(0.0, |most: f64, volt| most.max(volt.abs()));
         values.of(Parameter::Gain).abs() * most_v
     }
-}
-
-/// The parameter that the record shows least. It has the largest component along the direction about which the record
-/// has the least information.
-fn weakest(jacobian: &DMatrix<f64>) -> Option<usize> {
-    let mut scaled = jacobian.clone();
-    for mut column in scaled.column_iter_mut() {
-        let norm = column.norm().max(f64::MIN_POSITIVE);
-        column.unscale_mut(norm);
-    }
-    let svd = scaled.qr().unpack_r().svd(false, true);
-    let axes = svd.v_t?;
-    let weak = axes.row(svd.singular_values.imin());
-    Some(weak.transpose().iamax())
 }
 
 /// The smallest reduction of the sum of squares that is significant, divided by the mean square. The noise is taken as
