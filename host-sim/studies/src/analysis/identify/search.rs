@@ -689,8 +689,14 @@ impl Search<'_> {
         steps.sort_by(|a, b| b.0.total_cmp(&a.0));
         let fits = steps.iter().take(STARTS_TAKEN).filter_map(|(_, step, line)| {
             let model = self.fit(layout(line), step, line.looked_at).ok()?;
-            let free = Layout { cogs_per_m: None, ..*model.layout() };
-            self.fit(free, &model.values().within(free), line.looked_at).ok()
+            // Friction or an offset that stood in for the cogging may now be 0. At 0 friction, no fit may succeed.
+            let gone: [&[Term]; 3] = [&[], &[Term::Friction], &[Term::Friction, Term::Offset]];
+            gone.into_iter().find_map(|gone| {
+                let all = model.layout().terms;
+                let terms = gone.iter().fold(all, |terms, term| term.add(terms, false));
+                let free = Layout { terms, cogs_per_m: None, ..*model.layout() };
+                self.fit(free, &model.values().within(free), line.looked_at).ok()
+            })
         });
         let best = fits.min_by(|a, b| a.squares().total_cmp(&b.squares()))?;
         (best.squares() < before.squares()).then_some(best)
