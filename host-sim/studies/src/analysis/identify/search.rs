@@ -12,7 +12,7 @@ use statrs::distribution::{ContinuousCDF as _, Normal};
 
 use super::{
     Options, checks, cogs,
-    confidence::{self, Estimates, standard_error},
+    confidence::{self, Estimate, Estimates, standard_error},
     cycle,
     fit::{self, Fitted, Problem, Solution},
     guess,
@@ -102,17 +102,31 @@ impl Model {
         column - &self.basis * self.basis.tr_mul(column)
     }
 
-    /// Tests a term of the model. `candidates` is the number of terms that were tried.
-    fn tested(&self, term: Term, candidates: usize) -> Tested {
+    /// The size of a term of the model.
+    fn size(&self, term: Term) -> Option<Estimate> {
         let Estimates { friction, lag, offset, phase, stribeck, cogging, .. } = self.estimates;
-        let value = match term {
+        match term {
             Term::Friction => friction,
             Term::Amplifier => lag,
             Term::Offset => offset,
             Term::Stribeck => stribeck.map(|[rise, ..]| rise),
             Term::Cogging => cogging.map(|[amplitude, ..]| amplitude),
             Term::Phase => phase.map(|[first, ..]| first),
-        };
+        }
+    }
+
+    /// The term whose interval reaches furthest beyond 0. Friction is left out, because every device has it.
+    fn unsure(&self) -> Option<Term> {
+        let sizes = Term::ALL.into_iter().filter(|term| *term != Term::Friction);
+        let sizes = sizes.filter_map(|term| Some((term, self.size(term)?)));
+        let parts = sizes.map(|(term, size)| (term, size.value.abs() / size.half_width));
+        let unsure = parts.filter(|(_, part)| *part < 1.0);
+        unsure.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(term, _)| term)
+    }
+
+    /// Tests a term of the model. `candidates` is the number of terms that were tried.
+    fn tested(&self, term: Term, candidates: usize) -> Tested {
+        let value = self.size(term);
         let z = value.map_or(0.0, |value| value.value / standard_error(&value));
         let p = match term {
             Term::Friction | Term::Stribeck | Term::Amplifier => tail(z),
@@ -163,14 +177,17 @@ pub(super) fn choose(
         model = search.by_force(model, values)?;
     }
     let candidates = if is_auto { candidates(values.layout()).len() } else { 1 };
-    let tests = search.tests(&model, candidates);
-    search.widen(&mut model)?;
-    search.hold_profile(&mut model);
-    if let Weighting::Force { stride, .. } = search.weighting {
-        // If a force is missing in the model, the estimates depend on the stride.
-        let strides = [(stride / ASIDE).max(1), stride * ASIDE];
-        let others = strides.map(|stride| search.by_stride(&model, stride));
-        others.iter().flatten().for_each(|other| model.estimates.hold(&other.estimates));
+    let mut tests = search.tests(&model, candidates);
+    search.widen_all(&mut model)?;
+    // Something else may explain the record as well as a term. Then the widened interval of the term contains 0, and the
+    // record does not show the term.
+    while is_auto
+        && let Some(term) = model.unsure()
+        && let Ok(mut fewer) = search.dropped(&model, term)
+    {
+        tests = search.tests(&fewer, candidates);
+        search.widen_all(&mut fewer)?;
+        model = fewer;
     }
     Ok((model, tests, search.weighting))
 }
@@ -279,10 +296,7 @@ impl Search<'_> {
             let tests = inside.map(|term| model.tested(*term, candidates.len()));
             let mut failed: Vec<Tested> = tests.filter(|test| test.p >= FAMILY_P).collect();
             failed.sort_by(|a, b| a.z.abs().total_cmp(&b.z.abs()));
-            let mut without = failed.into_iter().map(|test| {
-                let terms = test.term.add(model.layout().terms, false);
-                self.fit(Layout { terms, ..*model.layout() }, model.values(), 1.0)
-            });
+            let mut without = failed.into_iter().map(|test| self.dropped(&model, test.term));
             let Some(first) = without.next() else { break };
             model = first.or_else(|error| without.find_map(Result::ok).ok_or(error))?;
         }
@@ -548,6 +562,25 @@ impl Search<'_> {
         let left = model.without(&by);
         let promised = left.dot(&model.solution.weighed_m).powi(2) / left.norm_squared();
         promised.is_finite().then_some(promised)
+    }
+
+    /// The fit without this term.
+    fn dropped(&self, model: &Model, term: Term) -> Result<Model, String> {
+        let terms = term.add(model.layout().terms, false);
+        self.fit(Layout { terms, ..*model.layout() }, model.values(), 1.0)
+    }
+
+    /// Widens the intervals by all that the fit does not show.
+    fn widen_all(&self, model: &mut Model) -> Result<(), String> {
+        self.widen(model)?;
+        self.hold_profile(model);
+        if let Weighting::Force { stride, .. } = self.weighting {
+            // If a force is missing in the model, the estimates depend on the stride.
+            let strides = [(stride / ASIDE).max(1), stride * ASIDE];
+            let others = strides.map(|stride| self.by_stride(model, stride));
+            others.iter().flatten().for_each(|other| model.estimates.hold(&other.estimates));
+        }
+        Ok(())
     }
 
     /// Fits the model again, with weights that convert the residual to the force that is missing in the model.
