@@ -513,15 +513,24 @@ fn campaign(seeds: std::ops::Range<u64>, verbose: bool) -> Counts {
 
 /// Smallest fraction of true parameter values that must be inside the intervals. The intervals themselves promise a
 /// fraction of 0.95.
-const INSIDE: f64 = 0.8;
+const INSIDE: f64 = 0.92;
 /// Largest allowed fraction of devices with no warning but with a true value far outside its interval. *Far outside*
 /// means that the error is more than three half-widths of the interval.
-const SILENT: f64 = 0.03;
+const SILENT: f64 = 0.01;
+/// Largest allowed fraction of devices with a term that they do not have.
+const INVENTED: f64 = 0.02;
+/// Largest allowed fraction of devices with a term that is not found but that would reduce the residual.
+const MISSED: f64 = 0.05;
 
 fn holds(counts: &Counts) {
     let [inside, all] = counts.parameters;
     assert!(inside as f64 >= INSIDE * all as f64, "{counts:?}");
-    assert!(counts.silently_wrong as f64 <= SILENT * counts.cases as f64 + 1.0, "{counts:?}");
+    for (number, share) in
+        [(counts.silently_wrong, SILENT), (counts.invented, INVENTED), (counts.missed, MISSED)]
+    {
+        // A few devices are too few for a share: one is allowed.
+        assert!(number as f64 <= (share * counts.cases as f64).max(1.0), "{counts:?}");
+    }
     assert!(4 * counts.answered >= 3 * counts.cases, "{counts:?}");
 }
 
@@ -533,6 +542,13 @@ fn friction_that_no_record_can_show_is_inside_the_intervals() {
         let counts = campaign(seed..seed + 1, true);
         assert_eq!(counts.parameters[0], counts.parameters[1], "{seed}: {counts:?}");
     }
+}
+
+/// In this record a constant force explains nearly all that friction falling with the speed and a lag do.
+#[test]
+fn a_term_for_which_another_may_stand_is_not_reported() {
+    let counts = campaign(224..225, true);
+    assert_eq!((counts.invented, counts.parameters[0]), (0, counts.parameters[1]), "{counts:?}");
 }
 
 /// The handle passes more than half a cycle of the encoder's error between two rows, but at varying speeds.
