@@ -179,9 +179,10 @@ pub(super) fn choose(
     let candidates = if is_auto { candidates(values.layout()).len() } else { 1 };
     let mut tests = search.tests(&model, candidates);
     search.widen_all(&mut model)?;
-    // Something else may explain the record as well as a term. Then the widened interval of the term contains 0, and the
-    // record does not show the term.
+    // Where the model lacks something, this may look like a term. Then the widened interval of the term contains 0, and
+    // the record does not show the term.
     while is_auto
+        && !search.is_explained(&model)
         && let Some(term) = model.unsure()
         && let Ok(mut fewer) = search.dropped(&model, term)
     {

@@ -50,9 +50,12 @@ impl Search<'_> {
             confidence::estimates(&model.solution, given, &mut hidden, self.records[0].stop)?;
         // Of the curves of one term, the profile of the one that moves the values furthest is enough.
         candidates.sort_by(|a, b| b.hidden.widens.total_cmp(&a.hidden.widens));
+        let is_widened = candidates.iter().any(|one| one.hidden.widens > 0.0);
         let mut done = vec![];
         for Candidate { term, values, place, by, hidden } in candidates {
-            if hidden.widens > 0.0 && !done.contains(&term) {
+            // The first change of a force may be in a place where its effect is small.
+            let is_force = matches!(term, Term::Friction | Term::Offset);
+            if (hidden.widens > 0.0 || is_widened && is_force) && !done.contains(&term) {
                 self.profile(model, &values, (place, by, hidden.most));
                 done.push(term);
             }
