@@ -528,8 +528,8 @@ fn holds(counts: &Counts) {
     for (number, share) in
         [(counts.silently_wrong, SILENT), (counts.invented, INVENTED), (counts.missed, MISSED)]
     {
-        // A few devices are too few for a share: one is allowed.
-        assert!(number as f64 <= (share * counts.cases as f64).max(1.0), "{counts:?}");
+        // A few devices are too few for a share: two are allowed.
+        assert!(number as f64 <= (share * counts.cases as f64).max(2.0), "{counts:?}");
     }
     assert!(4 * counts.answered >= 3 * counts.cases, "{counts:?}");
 }

@@ -11,7 +11,7 @@
 use nalgebra::DMatrix;
 
 use super::{
-    confidence::{self, Hidden},
+    confidence::{self, Estimate, Hidden},
     fit,
     layout::{Layout, Values},
     search::{Model, Search, candidates},
@@ -124,7 +124,10 @@ impl Search<'_> {
     /// layout of `values` may have a term that the model lacks. The value changes by at most `most`.
     fn profile(&self, model: &mut Model, values: &Values, (place, by, most): (usize, f64, f64)) {
         let squares = self.variance(model);
-        let room = squares * (confidence::quantile() * model.estimates.widening).powi(2);
+        // What is hidden has widened the interval: further on along the curve, the fit may be as good again.
+        let Estimate { half_width, white_half_width, .. } = model.estimates.mass;
+        let widening = model.estimates.widening.max(half_width / white_half_width);
+        let room = squares * (confidence::quantile() * widening).powi(2);
         for side in [-1.0, 1.0] {
             let (mut at, mut last, mut next) = (values.clone(), 0.0, by);
             for _ in 0..PROFILE_STEPS {
