@@ -246,6 +246,8 @@ def take_measured(change):
 # Classes of a fault, in the order of `cargo board campaign`.
 BOARDS = ["nucleo-f446re", "discovery-f407"]
 CLASSES = ["no_effect", "bounded", "off_in_time", "off_late", "unnoticed"]
+# Of random flips: `disarm`, sent afterwards, ends nothing.
+HEARD = [*CLASSES, "unheard"]
 
 
 # Ends of a flip in the program in flash, in the same order.
@@ -267,9 +269,9 @@ def campaign(command, files):
     columns = ["board", "name", "situation", "class", "off_s", "speed_m_per_s", "travel_m", "code"]
     tables = {
         "rows": ([row for row in told["rows"] if not row["region"]], [*columns, "reason"]),
-        "left": ([row for row in told["rows"] if row["region"] and row["class"] in CLASSES[3:]], [*columns, "region"]),
-        "random": ([ended(row, "counts", CLASSES, "off_late", "unnoticed") | {"region": row["region"] or "all"} for row in told["random"]],
-                   ["board", "region", *CLASSES, "off_late_low", "off_late_high", "unnoticed_low", "unnoticed_high"]),
+        "left": ([row for row in told["rows"] if row["region"] and row["class"] in HEARD[3:]], [*columns, "region"]),
+        "random": ([ended(row, "counts", HEARD, "off_late", "unnoticed") | {"region": row["region"] or "all"} for row in told["random"]],
+                   ["board", "region", *HEARD, "off_late_low", "off_late_high", "unnoticed_low", "unnoticed_high"]),
         "image": ([ended(row, "ends", ENDS, "wrong") | {"part": row["part"] or "all"} for row in told["image"]],
                   ["board", "part", *ENDS, "wrong_s", "speed_m_per_s", "off_s", "wrong_low", "wrong_high"]),
         "sample": ([ended(row, "counts", CLASSES) for row in told["sample_bits"]], ["board", "setup", "flips", *CLASSES]),
