@@ -1,4 +1,26 @@
 //! One settings record as flash words.
+//!
+//! A record has 44 words of 32 bits, least significant byte first. A double (IEEE 754) has two words, low word first.
+//! Values are in SI units.
+//!
+//! | words | field |
+//! |---|---|
+//! | 0 | "ZWS" and the version, 5 |
+//! | 1 | sequence number, rises with every save that writes |
+//! | 2 to 5 | device name, up to 16 bytes, then zeros |
+//! | 6 | hash of the device record |
+//! | 7 | flags: 1 push only, 2 motor reversed, 4 encoder reversed, 8 `quiet`, 16 `force_rms` set; from bit 8 the estimator's number |
+//! | 8 to 11 | first two parameters of the estimator, or 0 |
+//! | 12 to 21 | K, B, wall, push, start |
+//! | 22, 23 | force at full command |
+//! | 24 to 29 | walk: first K, step, cap |
+//! | 30 to 35 | walk: first B, step, cap |
+//! | 36 to 41 | settle, window, limit of the RMS |
+//! | 42 | output period, samples |
+//! | 43 | CRC-32/ISO-HDLC over words 0 to 42 |
+//!
+//! With more than two parameters, or with `force_rms`, a second record precedes this record. It has "ZWP" and version
+//! 3, sequence, six parameters from the third on, `force_rms`, zeros, CRC.
 
 use crate::{
     Settings, WallSettings, crc,
