@@ -33,6 +33,7 @@ mod record;
 mod residual;
 mod rotary;
 mod search;
+mod starts;
 mod telemetry;
 mod terms;
 #[cfg(test)]

@@ -13,9 +13,7 @@ use statrs::distribution::{ContinuousCDF as _, Normal};
 use super::{
     Options, checks, cogs,
     confidence::{self, Estimate, Estimates, standard_error},
-    cycle,
     fit::{self, Fitted, Problem, Solution},
-    guess,
     layout::{Included, Layout, Parameter, Values},
     misfit::{Misfit, misfit},
     record::Record,
@@ -24,28 +22,17 @@ use super::{
     weighting::Weighting,
 };
 
-/// First values that are tried for the friction, as shares of the largest force.
-const FRICTION_STARTS: [f64; 3] = [0.02, 0.08, 0.2];
-/// First values that are tried for the lag, in rows.
-const LAG_STARTS: [f64; 2] = [0.5, 3.0];
-/// First values that are tried for the Stribeck curve. `FALLS` has Stribeck speeds, as shares of the largest speed over
-/// [`FAST_ROWS`]. `RISE` is the rise, as a share of Coulomb friction.
-const FALLS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
-const RISE: f64 = 0.2;
-const FAST_ROWS: usize = 8;
+/// Number of rows over which a speed is taken.
+pub(super) const FAST_ROWS: usize = 8;
 /// Largest share of the sum of squares that a model with a curve should leave, because a curve also follows other
 /// missing effects. A curve that leaves more is only accepted if the model with this curve explains the residual.
 const CURVE_LEAVES: f64 = 0.25;
 /// Amplitude of a force that is tried, as a share of the largest command.
 const SMALL_FORCE: f64 = 1e-4;
-/// Strides with which the search looks for cogging, in rows.
-const STRIDES_OF_COGS: [usize; 4] = [2, 8, 32, 128];
-/// Number of pitches that are tried for each stride.
-const LINES_OF_COGS: usize = 2;
 /// Longest time constant of the handle that an amplifier's lag may stand in for, in rows, if the lag is shorter.
 const EXCHANGED_ROWS: f64 = 100.0;
 /// Number of starts from which a fit is made.
-const STARTS_TAKEN: usize = 3;
+pub(super) const STARTS_TAKEN: usize = 3;
 /// Limit for the ratio of two missing forces. The second force is computed with twice the stride of the first. If
 /// position noise makes the force, the ratio is 1/4. For a white force it is the root of 1/2. The limit is between
 /// these two ratios.
@@ -55,8 +42,6 @@ const STRIDES: usize = 20;
 /// The estimates are also computed with a stride that is shorter by the factor `ASIDE`, and with a longer one. Then the
 /// estimates are compared.
 const ASIDE: usize = 4;
-/// Largest friction after a step of the search, as a share of the largest force.
-const FRICTION_MOST: f64 = 0.5;
 
 pub(super) struct Model {
     pub solution: Solution,
@@ -194,12 +179,12 @@ pub(super) fn choose(
 }
 
 /// A linear step to a model with an encoder's error.
-struct EncoderStep {
-    values: Values,
+pub(super) struct EncoderStep {
+    pub values: Values,
     /// The expected reduction of the sum of squares.
-    gain: f64,
+    pub gain: f64,
     /// Number of cycles that were examined.
-    looked_at: f64,
+    pub looked_at: f64,
 }
 
 /// The records, options and weights that all fits of a search share.
@@ -394,44 +379,11 @@ impl Search<'_> {
                 return None;
             }
         }
-        let mut starts = vec![];
-        starts.extend(self.linear_step(&start).map(|(step, _)| self.bounded(step)));
-        if term == Term::Friction {
-            let windows = guess::WINDOWS.into_iter();
-            starts.extend(windows.filter_map(|windows| self.in_motion(&start, windows)));
-        }
-        let parameter = match term {
-            Term::Friction => Some((Parameter::Friction, self.force_n(&start))),
-            Term::Amplifier => Some((Parameter::Lag, self.records[0].record.step_s)),
-            _ => None,
-        };
-        if let Some((parameter, unit)) = parameter {
-            let shares: &[f64] =
-                if term == Term::Friction { &FRICTION_STARTS } else { &LAG_STARTS };
-            starts.extend(shares.iter().map(|share| {
-                let mut start = start.clone();
-                start.set(parameter, share * unit);
-                start
-            }));
-        }
-        if term == Term::Stribeck {
-            starts = self.stribeck_starts(&start);
-        }
-        // Near starts come first, because a far start may end in another minimum.
-        let mut starts: Vec<(f64, Values)> = starts
-            .into_iter()
-            .filter_map(|start| {
-                let problem = self.problem(start);
-                let squares = problem.residuals()?.norm_squared();
-                Some((squares, problem.values))
-            })
-            .collect();
-        starts.sort_by(|a, b| a.0.total_cmp(&b.0));
-        starts.truncate(STARTS_TAKEN);
+        let starts = self.starts(term, &start);
         // A requested term with the value 0 may increase the residual by a rounding error.
         let room = if likely { 1.0 } else { 1.0 + 1e-6 };
         let most = room * before.map_or(f64::INFINITY, Model::squares);
-        let fits = starts.iter().filter_map(|(_, start)| self.fit(more, start, 1.0).ok());
+        let fits = starts.iter().filter_map(|start| self.fit(more, start, 1.0).ok());
         let fits = fits.filter(|model| model.squares() < most);
         let best = fits.min_by(|a, b| a.squares().total_cmp(&b.squares()))?;
         Some(self.or_exchanged(best))
@@ -630,7 +582,7 @@ impl Search<'_> {
     }
 
     /// The weighting that converts a residual to the force that is missing in the model, over `stride` rows.
-    fn force(&self, model: &Model, stride: usize) -> Weighting {
+    pub(super) fn force(&self, model: &Model, stride: usize) -> Weighting {
         let motion = self.problem(model.values().clone()).motion(0);
         Weighting::of_force(&motion, self.records[0].record.step_s, stride)
     }
@@ -667,47 +619,6 @@ impl Search<'_> {
         *model.misfit.get_or_init(|| misfit(&model.weighed, self.weights().as_ref(), left))
     }
 
-    /// The model with an encoder's error of the cycle that promises the largest reduction of the sum of squares.
-    fn of_encoder(&self, model: &Model) -> Option<EncoderStep> {
-        let residual = (model.solution.residual_m.as_slice(), model.weighed.unit_m);
-        let lines = match self.options.cycle_m {
-            Some(cycle_m) => vec![cycle::Line { cycles_per_m: 1.0 / cycle_m, looked_at: 1.0 }],
-            None => cycle::strongest(self.records, residual),
-        };
-        let steps = lines.into_iter().filter_map(|line| {
-            let more = Layout {
-                terms: Term::Phase.add(model.layout().terms, true),
-                cycles_per_m: Some(line.cycles_per_m),
-                ..*model.layout()
-            };
-            let (values, gain) = self.linear_step(&model.values().within(more))?;
-            Some(EncoderStep { values, gain, looked_at: line.looked_at })
-        });
-        steps.max_by(|a, b| a.gain.total_cmp(&b.gain))
-    }
-
-    /// Pitches of cogging that the missing force follows. Several strides are tried. A long stride averages over short
-    /// pitches. With a short stride, noise hides the force.
-    fn of_motor(&self, model: &Model) -> Vec<cogs::Line> {
-        let pieces = model.weighed.pieces();
-        let strides = STRIDES_OF_COGS.into_iter();
-        let lines = strides.flat_map(|stride| {
-            let weighting = self.force(model, stride);
-            let forces = pieces.iter().enumerate().map(|(record, piece)| {
-                let mut own = weighting.weighed(record, piece.residual.to_vec());
-                // Each force is a mean with triangular weights. The middle of these weights is one stride before the
-                // row.
-                own.drain(..own.len().min(stride));
-                own.resize(piece.residual.len(), 0.0);
-                own
-            });
-            let forces: Vec<Vec<f64>> = forces.collect();
-            let seen = (stride, model.weighed.unit_m);
-            cogs::strongest(self.records, &forces, seen, LINES_OF_COGS)
-        });
-        lines.collect()
-    }
-
     /// The best fit with cogging. The pitches that would reduce the sum of squares most are tried.
     fn with_cogging(&self, before: &Model) -> Option<Model> {
         let layout = |line: &cogs::Line| Layout {
@@ -734,34 +645,6 @@ impl Search<'_> {
         });
         let best = fits.min_by(|a, b| a.squares().total_cmp(&b.squares()))?;
         (best.squares() < before.squares()).then_some(best)
-    }
-
-    /// First values of a fit with a Stribeck curve.
-    fn stribeck_starts(&self, start: &Values) -> Vec<Values> {
-        let of = |mut values: Values| {
-            values.set(Parameter::Rise, RISE * values.of(Parameter::Friction));
-            let step = self.linear_step(&values).map(|(step, _)| step);
-            step.filter(Values::is_allowed).unwrap_or(values)
-        };
-        self.falls(start).into_iter().map(of).collect()
-    }
-
-    /// The values with each Stribeck speed of [`FALLS`].
-    pub(super) fn falls(&self, values: &Values) -> Vec<Values> {
-        let fastest =
-            self.records.iter().flat_map(|Fitted { record, positions_m, first, .. }| {
-                let rows = positions_m[*first..].windows(FAST_ROWS + 1);
-                rows.map(|rows| {
-                    (rows[FAST_ROWS] - rows[0]).abs() / (FAST_ROWS as f64 * record.step_s)
-                })
-            });
-        let fastest = fastest.fold(0.0, f64::max);
-        let of = |part: f64| {
-            let mut values = values.clone();
-            values.set(Parameter::Fall, part * fastest);
-            values
-        };
-        FALLS.into_iter().map(of).collect()
     }
 
     /// Fits `layout`, beginning with the values of any layout. If friction holds the handle at the first row, the first
@@ -799,74 +682,6 @@ impl Search<'_> {
         (0..self.records.len().min(64))
             .filter(|index| rests(*index))
             .fold(0, |bits, index| bits | 1 << index)
-    }
-
-    /// The values after one Gauss-Newton step, and the expected reduction of the sum of squares.
-    fn linear_step(&self, values: &Values) -> Option<(Values, f64)> {
-        let problem = self.problem(values.clone());
-        let residual = -problem.residuals()?;
-        let mut jacobian = problem.by_differences()?;
-        let scales: Vec<f64> = jacobian
-            .column_iter()
-            .map(|column| column.norm())
-            .map(|norm| if norm > 0.0 { norm } else { 1.0 })
-            .collect();
-        for (mut column, scale) in jacobian.column_iter_mut().zip(&scales) {
-            column.unscale_mut(*scale);
-        }
-        let wanted = jacobian.tr_mul(&residual);
-        let normal: DMatrix<f64> = jacobian.tr_mul(&jacobian);
-        let step = guess::least_squares(normal, &wanted, 1e-13)?;
-        let gain = wanted.dot(&step);
-        let mut values = problem.values;
-        for ((value, step), scale) in values.slice_mut().iter_mut().zip(&step).zip(scales) {
-            *value += step / scale;
-        }
-        values.vector().iter().all(|value| value.is_finite()).then_some((values, gain))
-    }
-
-    /// First values of a fit, from the first record. Only windows in which the handle moves are used.
-    fn in_motion(&self, start: &Values, windows: usize) -> Option<Values> {
-        let Fitted { record, positions_m, first, added_kg, .. } = &self.records[0];
-        let latency = start.of(Parameter::Latency) / record.step_s;
-        let layout = start.layout();
-        let has = (layout.spring, layout.place(Parameter::Constant).is_some());
-        let (reduced, friction) =
-            guess::moving((record, positions_m, *first), latency, has, windows)?;
-        let mass = start.of(Parameter::Gain) / reduced.gain - added_kg;
-        let mut found = start.clone();
-        let rest_m = start.layout().rest_m.unwrap_or_default();
-        for (parameter, value) in [
-            (Parameter::Mass, mass),
-            (Parameter::Damping, reduced.d * mass),
-            (Parameter::Stiffness, reduced.w * mass),
-            (Parameter::Constant, (reduced.offset - reduced.w * rest_m) * mass),
-            (Parameter::Friction, friction * mass),
-        ] {
-            found.set(parameter, value);
-        }
-        found.set_start(0, [reduced.x, reduced.v]);
-        (mass > 0.0).then_some(found)
-    }
-
-    /// Limits friction and lag to realistic values.
-    fn bounded(&self, mut values: Values) -> Values {
-        let most_n = FRICTION_MOST * self.force_n(&values);
-        let step_s = self.records[0].record.step_s;
-        for (parameter, low, high) in [
-            (Parameter::Friction, 1e-6 * most_n, most_n),
-            (Parameter::Lag, 1e-3 * step_s, 100.0 * step_s),
-        ] {
-            values.set(parameter, values.of(parameter).clamp(low, high));
-        }
-        values
-    }
-
-    /// Largest force in the records, in N.
-    pub(super) fn force_n(&self, values: &Values) -> f64 {
-        let volts = self.records.iter().flat_map(|fitted| &fitted.record.command);
-        let most_v = volts.fold(0.0, |most: f64, volt| most.max(volt.abs()));
-        values.of(Parameter::Gain).abs() * most_v
     }
 }
 
