@@ -6,7 +6,7 @@ use host_sim::{
         identify::{Gain, Options, OutputScale, Span, from_capture, from_capture_csv, identify},
         telemetry::Capture,
     },
-    scene::Quantisation,
+    scene::NamedScene,
 };
 use virtual_board::{board::Board, world::World};
 
@@ -56,10 +56,7 @@ fn the_device_is_identified_from_the_pulse_train(board: Board) {
 fn found_after(board: Board, moves: impl FnOnce(&mut World)) -> [(&'static str, f64); 4] {
     let firmware = Firmware::of(board);
     let mut scene = firmware.scene.clone();
-    scene.output = Some(match board.name {
-        "nucleo-f446re" => Quantisation::Dac { bits: 12 },
-        _ => Quantisation::Pwm { steps: 4200 },
-    });
+    scene.output = NamedScene::load(board.name).unwrap().scene.output;
     let mut world = firmware.boot();
     for line in ["zero", "arm"] {
         ok(&mut world, line);

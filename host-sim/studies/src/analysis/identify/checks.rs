@@ -3,6 +3,7 @@
 use super::{
     Drive, Options,
     confidence::{Estimate, Estimates},
+    layout::Included,
     record::{IN_MM, Record, range},
     terms::{FAMILY_P, Term, Tested, said},
 };
@@ -216,7 +217,7 @@ pub(super) fn after(
     if damping.low() <= 0.0 {
         // A damping b changes the response over the record by about `b seconds / m`. Friction can hide this change.
         let is_friction = |one: &Tested| one.term == Term::Friction && one.p < FAMILY_P;
-        let has_loss = found.is_widened || tests.iter().any(is_friction);
+        let has_loss = found.hidden != Included::default() || tests.iter().any(is_friction);
         if !has_loss && damping.half_width * seconds > NEGLIGIBLE * mass.value {
             return Err(format!(
                 "the record does not show the damping: {}; move faster, or go on until the handle has come to rest",

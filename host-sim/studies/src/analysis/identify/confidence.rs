@@ -23,7 +23,7 @@ use super::{
     fit::Solution,
     joint::{ErrorModel, Joint, NUMBERS},
     layout::{
-        DAMPING, Layout, MASS, Parameter,
+        DAMPING, Included, Layout, MASS, Parameter,
         Parameter::{
             CogCosine, CogCycles, CogSine, Constant, Cosine, Cycles, Damping, Fall, Friction, Gain,
             Lag, Latency, Mass, Rise, Second, Sine, Stiffness,
@@ -98,8 +98,8 @@ pub(super) struct Estimates {
     pub phase: Option<[Estimate; 4]>,
     /// The largest ratio of an interval's half-width to its half-width for white noise.
     pub widening: f64,
-    /// Whether a term that is not in the model has widened an interval.
-    pub is_widened: bool,
+    /// The terms that are not in the model and have widened an interval.
+    pub hidden: Included,
     pub joint: Joint,
 }
 
@@ -334,7 +334,7 @@ pub(super) fn estimates(
             [first, second, phase, known.unwrap_or_else(|| next(cycle))]
         }),
         widening,
-        is_widened: hidden.iter().any(|one| one.widens > 0.0),
+        hidden: Included::default(),
         joint,
     })
 }

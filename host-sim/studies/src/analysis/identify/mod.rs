@@ -400,11 +400,7 @@ fn conclude(
             ));
         }
     }
-    if found.is_widened {
-        warnings.push(
-            "a further term may act, which this record cannot tell from noise; the intervals are wide enough for it".into(),
-        );
-    }
+    warnings.extend(of_hidden(found.hidden, values.layout().terms));
     warnings.extend(of_residual(&residual, found.widening, search, model));
     Ok(Identification {
         drive: fitted[0].record.drive,
@@ -458,6 +454,21 @@ fn fastest(fitted: &[Fitted<'_>]) -> f64 {
 /// The same angle in rad, between minus half a turn and half a turn.
 fn wrapped(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
+}
+
+/// The warning about hidden terms, which have widened intervals. `terms` are the terms of the model.
+fn of_hidden(hidden: Included, terms: Included) -> Option<String> {
+    let of = |terms: Included| Term::ALL.into_iter().filter(move |term| term.is_in(terms));
+    let names: Vec<&str> = of(hidden).map(terms::said).collect();
+    let options: Vec<String> = of(terms).map(|term| format!("--{}", term.name())).collect();
+    let fitted = if options.is_empty() { "--terms none".into() } else { options.join(" ") };
+    (!names.is_empty()).then(|| {
+        format!(
+            "this record cannot tell from noise whether there is: {}; the intervals are wide enough for it; if you know that \
+             there is none, give {fitted}",
+            names.join(", ")
+        )
+    })
 }
 
 /// The warnings that the residual gives reason for.

@@ -53,6 +53,9 @@ impl Search<'_> {
         let is_widened = candidates.iter().any(|one| one.hidden.widens > 0.0);
         let mut done = vec![];
         for Candidate { term, values, place, by, hidden } in candidates {
+            if hidden.widens > 0.0 {
+                model.estimates.hidden = term.add(model.estimates.hidden, true);
+            }
             // The first change of a force may be in a place where its effect is small.
             let is_force = matches!(term, Term::Friction | Term::Offset);
             if (hidden.widens > 0.0 || is_widened && is_force) && !done.contains(&term) {
