@@ -23,13 +23,14 @@ impl SpeedWatch {
     /// plan allows. `renamed` says whether the count was zeroed since the last output.
     #[inline]
     pub fn too_fast(&mut self, plan: &SafetyPlan, position: Position, renamed: bool) -> bool {
-        if self.left > 1 && !renamed {
+        let left = self.left.min(plan.per_ms); // a flipped bit must not put the check off
+        if left > 1 && !renamed {
             cold_path(); // at 1 kHz it never comes here
-            self.left -= 1;
+            self.left = left - 1;
             return false;
         }
         let moved = position.wrapping_since(self.last).unsigned_abs();
-        let fast = moved > plan.moved && self.left > 0 && !renamed;
+        let fast = moved > plan.moved && left > 0 && !renamed;
         (self.last, self.left) = (position, plan.per_ms);
         fast
     }
@@ -57,6 +58,22 @@ mod tests {
         assert!(!at(501_001, false) && at(502_003, false) && at(501_000, false));
         assert!(!at(0, true) && !at(-1000, false) && at(2, false));
         assert!(!at(i32::MAX, true) && !at(i32::MIN, false)); // one count, across the wrap
+    }
+
+    #[test]
+    fn a_flipped_bit_puts_the_check_off_by_a_millisecond_at_most() {
+        for period in [1, 10] {
+            let plan = SETTINGS.build(&Design { period, ..DESIGN }).unwrap();
+            for bit in 0..u32::BITS {
+                let mut watch = SpeedWatch::default();
+                look(&mut watch, &plan, 0, false);
+                watch.left ^= 1 << bit;
+                let step = 1_100 / plan.per_ms.cast_signed();
+                let fast = (1..=2 * plan.per_ms.cast_signed())
+                    .any(|n| look(&mut watch, &plan, n * step, false));
+                assert!(fast, "period {period}, bit {bit}");
+            }
+        }
     }
 
     #[test]

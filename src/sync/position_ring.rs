@@ -57,7 +57,14 @@ impl Follower {
     /// Allows reading up to `sample`, which must have been noted. Positions that are too old are skipped.
     pub fn follow_to(&mut self, sample: u64) {
         self.end = sample.wrapping_add(1);
-        self.next = self.next.max(self.end.saturating_sub(FOLLOWED as u64));
+        // A flipped bit in `next` must not keep samples away from a hit, which ends by its samples.
+        self.next = self.next.max(self.end.saturating_sub(FOLLOWED as u64)).min(self.end);
+    }
+
+    /// Flips a bit of the number of the next sample.
+    #[cfg(test)]
+    pub fn spoil(&mut self, bit: u32) {
+        self.next ^= 1 << bit;
     }
 
     /// Returns the position at the next sample, or `None` after the last sample that [`follow_to`](Self::follow_to) has
