@@ -155,7 +155,8 @@ impl Asked {
         if let Some(resolution) = self.resolution {
             options.resolution_m = match resolution {
                 0.0 => 0.0,
-                said => length("--resolution", said, RESOLUTION_M)?,
+                said => length("--resolution", said, RESOLUTION_M)
+                    .map_err(|error| Error::Input(format!("{error}, or 0")))?,
             };
         }
         for (option, time_s) in [("--from", self.span.from_s), ("--to", self.span.to_s)] {

@@ -277,5 +277,5 @@ fn seen(estimate: &Estimate) -> bool {
 }
 
 fn with(estimate: &Estimate, unit: &str) -> String {
-    format!("{:.3e} +- {:.1e} {unit}", estimate.value, estimate.half_width)
+    format!("{:.3e} +- {:.3e} {unit}", estimate.value, estimate.half_width)
 }
