@@ -28,8 +28,8 @@ pub(crate) fn corners<T: Copy, const N: usize>(ends: [[T; 2]; N]) -> impl Iterat
     (0u32..1 << N).map(move |choice| core::array::from_fn(|n| ends[n][(choice >> n & 1) as usize]))
 }
 
-/// Boxes that contain the coefficients of all accepted low-passes. The low-passes have order 1 or 2, and both ways of
-/// frequency warping. Each small range of the cutoff has its own box. With a single box for all cutoffs, the corners
+/// Boxes that contain the coefficients of all accepted low-passes. The low-passes have order 1 or 2, with and without
+/// pre-warping. Each small range of the cutoff has its own box. With a single box for all cutoffs, the corners
 /// would combine coefficients that never occur together.
 fn coefficient_boxes() -> Vec<[[i32; 2]; 5]> {
     const BOXES: u32 = 64;

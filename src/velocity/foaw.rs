@@ -46,8 +46,8 @@ pub struct Foaw {
     noise: i32,
 }
 
-/// A bound of the slope. It is the fraction `number / over`, in steps of the noise per sample. The denominator is 1 to
-/// 32.
+/// A bound of the slope. Its value is `number / over`. The unit is one step of the noise per sample. The denominator is
+/// 1 to 32.
 #[derive(Clone, Copy)]
 struct Bound {
     number: i32,

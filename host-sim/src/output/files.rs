@@ -76,7 +76,8 @@ struct Folder {
 }
 
 impl Outputs {
-    /// Starts without files. Existing files are only replaced with `force`. The command's `inputs` are never replaced.
+    /// Starts without files. Existing files are replaced only if `force` is true. The command's `inputs` are never
+    /// replaced.
     pub fn new(force: bool, inputs: &[PathBuf]) -> Self {
         let (files, folders, cleaned, created) = (vec![], vec![], vec![], vec![]);
         let (inputs, parquet) = (inputs.to_vec(), false);

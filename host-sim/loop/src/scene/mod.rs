@@ -292,7 +292,7 @@ fn told_of(error: &toml::de::Error) -> String {
     format!("{place}{}", error.message().replace('\n', " "))
 }
 
-/// Table and message of an error in a converted rotary scene, as one text with the keys of the rotary scene.
+/// Writes an error in a converted rotary scene in one line: its table, then its message, with the rotary keys.
 fn in_one_line(error: &toml::de::Error) -> String {
     let message = told_of(error);
     let parts = message.split('`').enumerate();

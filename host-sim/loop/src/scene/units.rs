@@ -178,8 +178,8 @@ impl Units {
     }
 
     /// Writes a value at the handle as text for people, with three digits and a unit. `unit` is the linear unit. A unit
-    /// that begins with N gets a prefix, and a thousand um or mdeg are 1 mm or 1 deg. Other large and small numbers have
-    /// an exponent.
+    /// that begins with N gets an SI prefix, such as kN. From 1000 um or mdeg on, the unit is mm or deg. Other large and
+    /// small numbers have an exponent.
     pub fn said(self, at_handle: f64, unit: &'static str) -> String {
         let (unit, factor) = self.written(unit);
         let value = rounded(at_handle * factor, DIGITS_READ);

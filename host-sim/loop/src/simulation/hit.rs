@@ -29,7 +29,7 @@ impl Numeric {
         }
     }
 
-    /// How the twin rounds. `None` if the core runs instead of the twin.
+    /// How the twin rounds. `None` if the hit runs the fixed-point core and not the twin.
     pub(crate) fn twin(self) -> Option<twin::Rounding> {
         match self {
             Self::Fixed => None,

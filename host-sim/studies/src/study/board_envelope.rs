@@ -79,7 +79,6 @@ impl Part {
     }
 }
 
-/// The result of the sweep of one part.
 #[derive(Clone, Debug)]
 pub struct Found {
     pub part: Part,
