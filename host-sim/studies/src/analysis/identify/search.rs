@@ -145,7 +145,7 @@ pub(super) fn choose(
     let is_auto = options.terms == Terms::Auto;
     let mut model = match plain {
         plain if is_auto => search.automatic(values, plain)?,
-        Ok(plain) if Term::ALL.iter().all(|term| !options.terms.asks(*term)) => plain,
+        plain if Term::ALL.iter().all(|term| !options.terms.asks(*term)) => plain?,
         plain => search.asked(values, plain.as_ref().ok())?,
     };
     if model.weighed.found.is_bound_by_quantisation() {
