@@ -54,12 +54,6 @@ impl DutyPlan {
     pub fn patience(&self) -> u32 {
         self.patience
     }
-
-    /// Flips a bit of the limit.
-    #[cfg(test)]
-    pub(crate) fn spoil(&mut self) {
-        self.limit ^= 1 << DIFFERENCE;
-    }
 }
 
 impl DutySettings {

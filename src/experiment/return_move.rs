@@ -79,14 +79,6 @@ pub struct ReturnPlan {
     timeout_outputs: u32,
 }
 
-#[cfg(test)]
-impl ReturnPlan {
-    /// Flips a bit of the largest force.
-    pub(crate) fn spoil(&mut self) {
-        self.limit ^= 1 << 29;
-    }
-}
-
 impl ReturnSettings {
     /// Settings of a return move that a hand can easily stop. They were tuned on the paper's device and on handles of
     /// 0.05 to 2 kg. See the tests.

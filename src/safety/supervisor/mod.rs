@@ -64,8 +64,8 @@ pub struct Supervisor {
     /// [`Guard::events`] at the last output.
     seen: u32,
     /// Number of zeroings that were carried out up to the last output.
-    zeros: Doubled<u32>,
-    zeroed: Doubled<bool>,
+    zeros: u32,
+    zeroed: bool,
     unlocked: Doubled<bool>,
     contact: bool,
     /// Whether the handle is in contact with a wall that has a force. The handle may lean on this wall.
@@ -96,8 +96,8 @@ impl Supervisor {
             causes: boot.map_or(FaultSet::EMPTY, |record| record.causes),
             present: FaultSet::EMPTY,
             seen: 0,
-            zeros: Doubled::new(0),
-            zeroed: Doubled::new(false),
+            zeros: 0,
+            zeroed: false,
             unlocked: Doubled::new(false),
             contact: false,
             resting: false,
@@ -131,13 +131,12 @@ impl Supervisor {
         self.contact = drive.contact;
         self.resting = drive.contact && control.wall.acts();
         self.wall_over_zero = control.wall.penetration(Position::default()) > 0;
-        let before = *self.zeros;
+        let before = self.zeros;
         let held = self.follow_zero(guard);
-        let renamed = *self.zeros != before;
-        if renamed {
+        if self.zeros != before {
             self.port.rename(up.motion.position);
         }
-        self.look(up, guard, inputs, (proposal.still, renamed));
+        self.look(up, guard, inputs, (proposal.still, self.zeros != before));
         let force = self.force(control, up, proposal.push, &drive, held);
         let grant = match force {
             Some(force) => {
@@ -188,7 +187,7 @@ impl Supervisor {
             fault: self.fault,
             causes: self.causes,
             present: self.present,
-            zeroed: *self.zeroed || self.zero_pending(),
+            zeroed: self.zeroed || self.zero_pending(),
             unlocked: *self.unlocked,
             contact: self.contact,
             inputs: self.inputs,
@@ -202,10 +201,7 @@ impl Supervisor {
             && self.plan.is_whole()
             && self.unlocked.is_whole()
             && self.fade.as_ref().is_none_or(GainFade::is_whole)
-            && self.zeros.is_whole()
-            && self.zeroed.is_whole()
-            && !(self.state.is_on()
-                && (self.fault.is_some() || self.down.acknowledged != self.seen))
+            && !(self.fault.is_some() && self.state.is_on())
     }
 
     /// Whether the task `sample` has switched off by itself.
@@ -236,9 +232,7 @@ impl Supervisor {
         };
         let first = self.fault.is_none() || self.state.is_on();
         self.causes = if first { record.causes } else { self.causes.union(record.causes) };
-        if record.causes.loses_zero() {
-            self.zeroed.set(false);
-        }
+        self.zeroed &= !record.causes.loses_zero();
         if first {
             self.fault = Some(record);
             self.memory = Some(MemoryUpdate::Write(record));
@@ -249,19 +243,19 @@ impl Supervisor {
 
     /// Whether a zeroing was requested that `sample` has not carried out yet.
     fn zero_pending(&self) -> bool {
-        self.down.zeros.number() != *self.zeros
+        self.down.zeros.number() != self.zeros
     }
 
     /// Notes a zeroing that `sample` has carried out. The positions then have other numbers, so the old settings no
     /// longer give the old force. A change of the force must start from the force of the last output. Returns this
     /// force.
     fn follow_zero(&mut self, guard: &Guard) -> Option<Force> {
-        // A flipped bit of the number is no zeroing.
-        if guard.zeros == *self.zeros || !self.zeros.is_whole() {
+        if guard.zeros == self.zeros {
             return None;
         }
-        self.zeros.set(guard.zeros);
-        self.zeroed.set(true);
+        // A zeroing has the next number of 16 bits. Any other number is a flipped bit, which makes no zero valid.
+        self.zeroed |= guard.zeros == self.zeros.wrapping_add(1) & 0xffff;
+        self.zeros = guard.zeros;
         self.last.force()
     }
 
@@ -425,7 +419,7 @@ impl Supervisor {
                 .with_if(Flags::ARMED, *self.state == State::Armed)
                 .with_if(Flags::CHANGING, self.state.is_on() && (fading || self.withheld))
                 .with_if(Flags::FAULT, self.fault.is_some())
-                .with_if(Flags::ZEROED, *self.zeroed)
+                .with_if(Flags::ZEROED, self.zeroed)
                 .with_if(Flags::STOP_CLOSED, self.inputs.stop_closed)
                 .with_if(Flags::UNLOCKED, *self.unlocked),
             settings: 0,
