@@ -1,5 +1,5 @@
-//! Tracking loop and observer in `f64`, in textbook form. For the tracking loop the core has a
-//! low-pass with the same response, for the observer an integer form.
+//! Tracking loop and observer in `f64`, in textbook form. For the tracking loop the core has a low-pass with the same
+//! response, for the observer an integer form.
 //!
 //! The state contains the position error `x - x^` in place of x^. So the twin keeps all digits at any count.
 

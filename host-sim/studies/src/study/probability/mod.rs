@@ -250,8 +250,8 @@ impl Map {
         ends.map(|end| end.map(|share| quantile(&self.areas, share)))
     }
 
-    /// The areas that one bootstrap sample of the devices gives. `time` is the number of the sample. The
-    /// same number gives the same sample in each map.
+    /// The areas that one bootstrap sample of the devices gives. `time` is the number of the sample. The same
+    /// number gives the same sample in each map.
     fn again(&self, time: u64) -> Vec<f64> {
         let devices = u64::from(self.devices);
         let starts = u64::from(self.trials) / devices;
