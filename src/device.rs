@@ -14,14 +14,16 @@ use self::designs::Designs;
 use crate::{
     Design, HitSettings, LoopParameters, Settings, SettingsError,
     experiment::{
-        CalibrationPlan, CalibrationSettings, Criterion, DutySettings, Gains, HitSequencePlan,
-        Order, PeriodPlan, PulseTrainPlan, ReturnSettings, WalkSettings, pulse_train, quiet,
+        ApproachPlan, CalibrationPlan, CalibrationSettings, Criterion, DutySettings, Gains,
+        HitSequencePlan, Order, PeriodPlan, PulseTrainPlan, ReturnSettings, WalkSettings,
+        pulse_train, quiet,
     },
     period::{PERIODS, TooSlow, leaves_time},
     range::within,
     safety::{
         BlackBox, CurrentSettings, CurrentWatch, Fault, FaultRecord, SafetyPlan, SafetySettings,
         envelope::{Envelope, Key, Outside},
+        sum,
     },
     store::{DeviceKey, Loaded, Name, Signs, Source, Stored},
     units::{Force, Position},
@@ -245,7 +247,8 @@ impl Device<'_> {
         let longest = libm::round(longest_s * design.rate_hz) as u32;
         let duty = duty.build(&design, hit.settle.saturating_add(hit.window).min(longest))?;
         let look = HitSequencePlan::LOOK_MS * design.outputs_per_ms();
-        Ok(HitSequencePlan { hit, back, duty, look })
+        let approach = ApproachPlan { back, duty };
+        Ok(HitSequencePlan { hit, approach, approach_sum: sum(&approach), look })
     }
 
     /// Thermal limits for this design. Only the current heats the motor, and the continuous force divided by full scale
@@ -268,7 +271,7 @@ impl Device<'_> {
         let wall = &stored.settings.wall;
         within("stiffness_n_per_m", wall.stiffness_n_per_m, 0.0..=0.0)?;
         within("damping_n_s_per_m", wall.damping_n_s_per_m, 0.0..=0.0)?;
-        let (design, back) = (self.design(stored)?, self.hit_sequence(stored, false)?.back);
+        let (design, hit) = (self.design(stored)?, self.hit_sequence(stored, false)?);
         let outputs = |seconds| Ok(design.samples("pulse_s", seconds)? / design.period.max(1));
         let longest = design.samples("pulse_s", pulse_train::LONG_S)?;
         let mut pulses = [(Force::ZERO, 0); pulse_train::PULSES];
@@ -276,11 +279,13 @@ impl Device<'_> {
         for (pulse, (part, seconds)) in pulses.iter_mut().zip(parts) {
             *pulse = (design.force("push_n", part * push_n)?, outputs(seconds)?);
         }
+        let duty = self.duty_at(&design).build(&design, longest)?;
+        let approach = ApproachPlan { back: hit.approach.back, duty };
         Ok(PulseTrainPlan {
             pulses,
             rest: outputs(pulse_train::REST_S)?,
-            back,
-            duty: self.duty_at(&design).build(&design, longest)?,
+            approach,
+            approach_sum: sum(&approach),
         })
     }
 

@@ -5,7 +5,7 @@
 /// A factor >= 0. Its value is `mantissa * 2^-shift`. The mantissa is normalised: 2^30 <= mantissa < 2^31, or 0. A
 /// negative shift is a left shift. With a coarse encoder and a weak motor, one count of penetration may demand many
 /// times full scale. Such a gain needs a left shift.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Gain {
     mantissa: i32,
     shift: i8,

@@ -23,7 +23,7 @@ use core::hint::cold_path;
 use dsp_fixedpoint::Q32;
 
 /// Position in encoder counts. It does not wrap with the hardware counter. It rises into the wall.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Position(i32);
 
 impl Position {

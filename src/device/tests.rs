@@ -175,8 +175,8 @@ fn a_calibrated_full_scale_scales_what_the_motor_stands_and_bounds_the_return() 
     };
     let nominal = with(5.906).unwrap();
     let weak = with(2.0).unwrap();
-    assert_eq!(weak.duty, nominal.duty);
-    assert!(weak.back.force() > nominal.back.force());
+    assert_eq!(weak.approach.duty, nominal.approach.duty);
+    assert!(weak.approach.back.force() > nominal.approach.back.force());
     for full_scale_n in [5.906 / 3.01, 5.906 * 3.01, f64::NAN] {
         refused(with(full_scale_n), "full_scale_n");
         let stored = Stored { full_scale_n, ..DEVICE.defaults() };

@@ -27,6 +27,30 @@ impl AbortReason {
     }
 }
 
+/// An approach in integer form.
+#[derive(Clone, Copy, Debug, PartialEq, Hash)]
+pub struct ApproachPlan {
+    /// The return move.
+    pub back: ReturnPlan,
+    /// Thermal limits of the motor.
+    pub duty: DutyPlan,
+}
+
+#[cfg(test)]
+impl ApproachPlan {
+    /// Each flips a bit of one of the two plans.
+    pub const SPOILS: [fn(Self) -> Self; 2] = [
+        |mut plan| {
+            plan.back.spoil();
+            plan
+        },
+        |mut plan| {
+            plan.duty.spoil();
+            plan
+        },
+    ];
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Approach {
     back: Return,
@@ -45,16 +69,16 @@ impl Approach {
     #[inline(always)]
     pub fn output(
         &mut self,
-        (back, stands): (&ReturnPlan, &DutyPlan),
+        ApproachPlan { back, duty: limits }: &ApproachPlan,
         (position, contact): (Position, bool),
         duty: &Duty,
     ) -> Result<Option<Force>, AbortReason> {
-        if duty.is_too_warm(stands) {
+        if duty.is_too_warm(limits) {
             self.moves = false; // something holds the handle on its way
         }
-        if !self.moves && !duty.is_ready(stands) {
+        if !self.moves && !duty.is_ready(limits) {
             self.cooled = self.cooled.saturating_add(1);
-            let patient = self.cooled <= stands.patience();
+            let patient = self.cooled <= limits.patience();
             return if patient { Ok(Some(Force::ZERO)) } else { Err(AbortReason::TooWarm) };
         }
         if !self.moves {
@@ -66,7 +90,7 @@ impl Approach {
             ReturnStep::Push(force) => Ok(Some(force)),
             ReturnStep::TooLong => Err(AbortReason::NotBack),
             // The approach has warmed the motor. The hit or pulse needs a cool motor.
-            ReturnStep::Arrived if !duty.is_ready(stands) => {
+            ReturnStep::Arrived if !duty.is_ready(limits) => {
                 self.moves = false;
                 Ok(Some(Force::ZERO))
             }
@@ -92,14 +116,14 @@ mod tests {
     fn a_motor_that_the_way_back_has_warmed_cools_down_at_the_start_and_stands_there_again() {
         let back = BACK.build(&DESIGN).unwrap();
         let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
-        let stands = duty.build(&DESIGN, 60_000).unwrap();
+        let plan = ApproachPlan { back, duty: duty.build(&DESIGN, 60_000).unwrap() };
         let (cold, mut warm) = (Duty::default(), Duty::default());
-        while warm.is_ready(&stands) {
-            warm.add(&stands, Force::FULL_SCALE);
+        while warm.is_ready(&plan.duty) {
+            warm.add(&plan.duty, Force::FULL_SCALE);
         }
         let mut approach = Approach::default();
         let mut output = |duty: &Duty| {
-            let push = approach.output((&back, &stands), (Position::from_counts(0), false), duty);
+            let push = approach.output(&plan, (Position::from_counts(0), false), duty);
             (push.unwrap(), approach.cools())
         };
         // The handle must rest for 20 ms before it counts as arrived.
@@ -119,18 +143,17 @@ mod tests {
     fn a_way_back_that_warms_the_motor_beyond_its_limit_is_broken_off() {
         let back = BACK.build(&DESIGN).unwrap();
         let duty = DutySettings { continuous_force_n: 0.75, time_constant_s: 10.0 };
-        let stands = duty.build(&DESIGN, 1_000).unwrap();
+        let plan = ApproachPlan { back, duty: duty.build(&DESIGN, 1_000).unwrap() };
         let mut heat = Duty::default();
         let mut approach = Approach::default();
         let mut pushed = false;
         for _ in 0..9_000 {
             // Somebody holds the handle.
-            let push =
-                approach.output((&back, &stands), (Position::from_counts(-40_000), false), &heat);
+            let push = approach.output(&plan, (Position::from_counts(-40_000), false), &heat);
             let push = push.unwrap().unwrap();
             pushed |= push != Force::ZERO;
-            assert!(push == Force::ZERO || !heat.is_too_warm(&stands));
-            heat.add(&stands, push);
+            assert!(push == Force::ZERO || !heat.is_too_warm(&plan.duty));
+            heat.add(&plan.duty, push);
             if pushed && approach.cools() {
                 return;
             }

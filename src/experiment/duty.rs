@@ -38,7 +38,7 @@ pub struct DutySettings {
 }
 
 /// The limit in integers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct DutyPlan {
     /// Factor by which one output moves the heat towards u^2. The unit is LSB of the heat per LSB of the difference.
     exchange: Gain,
@@ -53,6 +53,12 @@ impl DutyPlan {
     /// Outputs after which a motor without force is certainly ready, however warm it was.
     pub fn patience(&self) -> u32 {
         self.patience
+    }
+
+    /// Flips a bit of the limit.
+    #[cfg(test)]
+    pub(crate) fn spoil(&mut self) {
+        self.limit ^= 1 << DIFFERENCE;
     }
 }
 

@@ -313,8 +313,8 @@ mod tests {
         for (behind, contact) in [(-1, false), (0, false), (1, true)] {
             let position = wall.surface().wrapping_add(behind);
             for outputs_more in [0, 1] {
-                let mut experiments = Experiments::new(plan.duty);
-                let (mut hit, start) = (HitSequence::new(plan), plan.back.start());
+                let mut experiments = Experiments::new(plan.approach.duty);
+                let (mut hit, start) = (HitSequence::new(plan), plan.approach.back.start());
                 while !hit.is_fresh() {
                     hit.output(start, false, &Duty::default()).unwrap();
                 }
@@ -327,7 +327,7 @@ mod tests {
                 let Event::HitOver(judged, _) = experiments.news else { panic!("none") };
                 assert_eq!(judged, verdict, "{behind} {outputs_more}");
             }
-            let mut experiments = Experiments::new(plan.duty);
+            let mut experiments = Experiments::new(plan.approach.duty);
             experiments.calibrate(push).unwrap();
             experiments.prepare(position, contact);
             let ended = matches!(experiments.news, Event::CalibrationOver(CalibrationEnd::Contact));

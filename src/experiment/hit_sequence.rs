@@ -4,11 +4,11 @@
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use super::{
-    Duty, DutyPlan, Hit, HitPlan, ReturnPlan, RunningVariance, Verdict,
-    approach::{AbortReason, Approach},
+    Duty, Hit, HitPlan, RunningVariance, Verdict,
+    approach::{AbortReason, Approach, ApproachPlan},
 };
 use crate::{
-    safety::Doubled,
+    safety::{Doubled, sum},
     units::{Force, Position},
 };
 
@@ -17,10 +17,10 @@ use crate::{
 pub struct HitSequencePlan {
     /// The hit in integer form.
     pub hit: HitPlan,
-    /// The return move before the hit.
-    pub back: ReturnPlan,
-    /// Thermal limits of the motor.
-    pub duty: DutyPlan,
+    /// The way to the start of the hit.
+    pub approach: ApproachPlan,
+    /// [Sum](sum()) of `approach`.
+    pub approach_sum: u32,
     /// Number of outputs from one check to the next. A check finds out whether the verdict is already certain, and
     /// gives a certain verdict at once. With [`NEVER`](Self::NEVER) there are no such checks.
     pub look: u32,
@@ -43,8 +43,8 @@ enum Phase {
 #[derive(Clone, Copy, Debug)]
 pub struct HitSequence {
     hit: Doubled<HitPlan>,
-    back: ReturnPlan,
-    stands: DutyPlan,
+    approach: ApproachPlan,
+    approach_sum: u32,
     look: u32,
     phase: Phase,
     /// Whether the phase is the hit. It repeats what `phase` says, so that a flipped bit cannot begin a hit.
@@ -59,9 +59,9 @@ impl HitSequence {
     /// Makes a hit sequence whose first output is still to come.
     #[inline(always)]
     pub fn new(plan: HitSequencePlan) -> Self {
-        let HitSequencePlan { hit, back, duty: stands, look } = plan;
+        let HitSequencePlan { hit, approach, approach_sum, look } = plan;
         let (hit, phase) = (Doubled::new(hit), Phase::Approach(Approach::default()));
-        Self { hit, back, stands, look, phase, hits: false, looked: 0, fresh: false }
+        Self { hit, approach, approach_sum, look, phase, hits: false, looked: 0, fresh: false }
     }
 
     /// A sequence that begins with the hit itself.
@@ -77,12 +77,13 @@ impl HitSequence {
         self.hit.spoil(HitPlan { push, ..*self.hit });
     }
 
-    /// Whether the hit is still the hit that was ordered, and no flipped bit has changed the phase.
+    /// Whether hit and approach are still those that were ordered, and no flipped bit has changed the phase. The plan
+    /// of the approach is checked during the approach only.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         let begun = match &self.phase {
             Phase::Hit(hit) => self.hits && *hit.plan() == *self.hit,
-            Phase::Approach(_) => !self.hits,
+            Phase::Approach(_) => !self.hits && sum(&self.approach) == self.approach_sum,
         };
         begun && self.hit.is_whole()
     }
@@ -99,8 +100,7 @@ impl HitSequence {
     ) -> Result<Force, AbortReason> {
         self.fresh = false;
         if let Phase::Approach(approach) = &mut self.phase {
-            let plans = (&self.back, &self.stands);
-            if let Some(push) = approach.output(plans, (position, contact), duty)? {
+            if let Some(push) = approach.output(&self.approach, (position, contact), duty)? {
                 return Ok(push);
             }
             (self.phase, self.hits) = (Phase::Hit(Hit::new(*self.hit)), true);
@@ -163,7 +163,8 @@ mod tests {
         let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
         let duty = duty.build(&DESIGN, hit.settle + hit.window).unwrap();
         let look = if early { 32 } else { HitSequencePlan::NEVER };
-        HitSequencePlan { hit, back: BACK.build(&DESIGN).unwrap(), duty, look }
+        let approach = ApproachPlan { back: BACK.build(&DESIGN).unwrap(), duty };
+        HitSequencePlan { hit, approach, approach_sum: sum(&approach), look }
     }
 
     /// Runs a sequence against a soft stop at 0.07 m that vibrates by `chatter_m`. Returns the verdict, and the outputs
@@ -190,7 +191,7 @@ mod tests {
             if sequence.is_fresh() {
                 assert!(handle.x.abs() < 6e-5, "{}", handle.x);
             }
-            duty.add(&plan.duty, push);
+            duty.add(&plan.approach.duty, push);
             handle.go(push);
             if handle.x > 0.07 {
                 let sign = if n % 2 == 0 { 1.0 } else { -1.0 };
@@ -239,6 +240,11 @@ mod tests {
         let approach = Phase::Approach(Approach::default());
         assert!(!HitSequence { phase: approach, ..hitting }.is_whole());
         assert!(!HitSequence { phase: Phase::Hit(Hit::new(plan.hit)), ..way }.is_whole());
+        for spoil in ApproachPlan::SPOILS {
+            let mut sequence = way;
+            sequence.approach = spoil(plan.approach);
+            assert!(!sequence.is_whole());
+        }
         for hit in [settle, window, push] {
             assert!(!HitSequence { phase: Phase::Hit(Hit::new(hit)), ..hitting }.is_whole());
             for mut sequence in [way, hitting] {
@@ -269,8 +275,8 @@ mod tests {
     fn a_warm_motor_waits_first() {
         let plan = plan(false);
         let mut warm = Duty::default();
-        while !warm.is_too_warm(&plan.duty) {
-            warm.add(&plan.duty, Force::FULL_SCALE);
+        while !warm.is_too_warm(&plan.approach.duty) {
+            warm.add(&plan.approach.duty, Force::FULL_SCALE);
         }
         let (verdict, [cool, _, hit]) = run(warm, false, 0.0);
         assert_eq!((verdict, hit), (Ok(Verdict::Stable), 1_500));
@@ -280,6 +286,6 @@ mod tests {
         let at = Position::from_counts(80_000);
         let ended =
             (0..1_000_000).find_map(|n| sequence.output(at, true, &warm).err().map(|b| (n, b)));
-        assert_eq!(ended, Some((plan.duty.patience(), AbortReason::TooWarm)));
+        assert_eq!(ended, Some((plan.approach.duty.patience(), AbortReason::TooWarm)));
     }
 }

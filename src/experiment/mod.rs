@@ -16,7 +16,7 @@ pub(crate) mod return_move;
 mod rms;
 mod walk;
 
-pub use approach::AbortReason;
+pub use approach::{AbortReason, ApproachPlan};
 pub use calibration::{Calibration, CalibrationEnd, CalibrationPlan, CalibrationSettings};
 pub use duty::{Duty, DutyPlan, DutySettings};
 #[cfg(test)]

@@ -13,11 +13,11 @@
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use super::{
-    Duty, DutyPlan, ReturnPlan,
-    approach::{AbortReason, Approach},
+    Duty,
+    approach::{AbortReason, Approach, ApproachPlan},
 };
 use crate::{
-    safety::Doubled,
+    safety::{Doubled, sum},
     units::{Force, Position},
 };
 
@@ -43,10 +43,10 @@ pub struct PulseTrainPlan {
     pub pulses: [(Force, u32); PULSES],
     /// Outputs of rest after each pulse.
     pub rest: u32,
-    /// The return move before each pulse.
-    pub back: ReturnPlan,
-    /// Thermal limits of the motor.
-    pub duty: DutyPlan,
+    /// The way to the start of each pulse.
+    pub approach: ApproachPlan,
+    /// [Sum](sum()) of `approach`.
+    pub approach_sum: u32,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -80,9 +80,9 @@ impl Phase {
 #[derive(Clone, Copy, Debug)]
 pub struct PulseTrain {
     pulses: Doubled<[(Force, u32); PULSES]>,
-    rest: u32,
-    back: ReturnPlan,
-    stands: DutyPlan,
+    rest: Doubled<u32>,
+    approach: ApproachPlan,
+    approach_sum: u32,
     /// Number of pulses that are over.
     over: usize,
     phase: Phase,
@@ -93,10 +93,10 @@ pub struct PulseTrain {
 impl PulseTrain {
     /// Makes a pulse train whose first output is still to come.
     pub fn new(plan: PulseTrainPlan) -> Self {
-        let PulseTrainPlan { pulses, rest, back, duty: stands } = plan;
+        let PulseTrainPlan { pulses, rest, approach, approach_sum } = plan;
+        let (pulses, rest) = (Doubled::new(pulses), Doubled::new(rest));
         let phase = Phase::Approach(Approach::default());
-        let part = Part::Approach;
-        Self { pulses: Doubled::new(pulses), rest, back, stands, over: 0, phase, part }
+        Self { pulses, rest, approach, approach_sum, over: 0, phase, part: Part::Approach }
     }
 
     /// Flips a bit of the second copy of the pulses.
@@ -107,10 +107,13 @@ impl PulseTrain {
         self.pulses.spoil(pulses);
     }
 
-    /// Whether the pulses are still those that were ordered, and no flipped bit has changed the phase.
+    /// Whether pulses, rest and approach are still those that were ordered, and no flipped bit has changed the phase.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
-        self.pulses.is_whole() && self.phase.part() == self.part
+        self.pulses.is_whole()
+            && self.rest.is_whole()
+            && self.phase.part() == self.part
+            && (self.part != Part::Approach || sum(&self.approach) == self.approach_sum)
     }
 
     #[inline(always)]
@@ -131,8 +134,7 @@ impl PulseTrain {
         duty: &Duty,
     ) -> Result<Option<Force>, AbortReason> {
         if let Phase::Approach(approach) = &mut self.phase {
-            let plans = (&self.back, &self.stands);
-            let way = approach.output(plans, (position, contact), duty)?;
+            let way = approach.output(&self.approach, (position, contact), duty)?;
             if way.is_some() {
                 return Ok(way);
             }
@@ -147,7 +149,7 @@ impl PulseTrain {
             self.begin(Phase::Rest(0));
         }
         if let Phase::Rest(outputs) = &mut self.phase {
-            if *outputs < self.rest {
+            if *outputs < *self.rest {
                 *outputs += 1;
                 return Ok(Some(Force::ZERO));
             }
@@ -170,11 +172,13 @@ mod tests {
     fn plan() -> PulseTrainPlan {
         let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
         let force = |push_n| DESIGN.force("push_n", push_n).unwrap();
+        let duty = duty.build(&DESIGN, 2_000).unwrap();
+        let approach = ApproachPlan { back: BACK.build(&DESIGN).unwrap(), duty };
         PulseTrainPlan {
             pulses: [(force(1.2), 50), (force(-1.2), 50), (force(0.3), 200), (force(-0.3), 200)],
             rest: 300,
-            back: BACK.build(&DESIGN).unwrap(),
-            duty: duty.build(&DESIGN, 2_000).unwrap(),
+            approach,
+            approach_sum: sum(&approach),
         }
     }
 
@@ -189,6 +193,21 @@ mod tests {
                 assert_eq!(train.is_whole(), other == n);
             }
         }
+    }
+
+    #[test]
+    fn a_flipped_bit_of_its_plans_is_told() {
+        let plan = plan();
+        let whole = PulseTrain::new(plan);
+        assert!(whole.is_whole());
+        for spoil in ApproachPlan::SPOILS {
+            let mut train = whole;
+            train.approach = spoil(plan.approach);
+            assert!(!train.is_whole());
+        }
+        let mut train = whole;
+        train.rest.spoil(plan.rest ^ 1);
+        assert!(!train.is_whole());
     }
 
     /// The train has four pulses with both signs and both lengths. Each begins at rest at the start. Apart from the
@@ -220,7 +239,7 @@ mod tests {
                 }
                 Phase::Approach(_) => {}
             }
-            duty.add(&plan.duty, push);
+            duty.add(&plan.approach.duty, push);
             handle.go(push);
         }
         assert_eq!(pulses, plan.pulses);
@@ -237,8 +256,8 @@ mod tests {
         };
         assert_eq!(end(&Duty::default()), Some(AbortReason::NotBack));
         let mut warm = Duty::default();
-        while !warm.is_too_warm(&plan().duty) {
-            warm.add(&plan().duty, Force::FULL_SCALE);
+        while !warm.is_too_warm(&plan().approach.duty) {
+            warm.add(&plan().approach.duty, Force::FULL_SCALE);
         }
         assert_eq!(end(&warm), Some(AbortReason::TooWarm));
     }

@@ -58,7 +58,7 @@ pub struct ReturnSettings {
 }
 
 /// The return in counts, outputs and fractions of full scale.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Hash)]
 pub struct ReturnPlan {
     start: Position,
     /// Step of the reference r at each output, in counts with 16 fractional bits.
@@ -77,6 +77,14 @@ pub struct ReturnPlan {
     tolerance: u32,
     rest_outputs: u32,
     timeout_outputs: u32,
+}
+
+#[cfg(test)]
+impl ReturnPlan {
+    /// Flips a bit of the largest force.
+    pub(crate) fn spoil(&mut self) {
+        self.limit ^= 1 << 29;
+    }
 }
 
 impl ReturnSettings {

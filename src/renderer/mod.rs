@@ -83,13 +83,19 @@ impl<const N: usize> Renderer<N> {
         *self.motor_reversed
     }
 
-    /// Whether plans, parameters and orders that decide a force are unchanged. They are stored twice. The second copy
-    /// of the parameters is `sampled`, from the task `sample`. Call it after each output.
+    /// Whether the numbers of loop and supervisor are unchanged. They are stored twice. The second copy of the
+    /// parameters is `sampled`, from the task `sample`. Call it after an output.
     #[inline(always)]
     pub fn is_whole(&self, sampled: &LoopParameters) -> bool {
         let signs = self.motor_reversed.is_whole() && self.gains.is_whole();
-        let asked = self.experiments.is_whole() && *sampled == self.parameters;
-        signs && asked && self.host.is_whole() && self.supervisor.is_whole()
+        let asked = *sampled == self.parameters && self.host.is_whole();
+        signs && asked && self.supervisor.is_whole()
+    }
+
+    /// Whether the numbers of experiment and motor's heat are unchanged. Call it after an output.
+    #[inline(always)]
+    pub fn experiment_is_whole(&self) -> bool {
+        self.experiments.is_whole()
     }
 
     /// The push that the experiment proposes for this output.

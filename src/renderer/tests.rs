@@ -79,7 +79,7 @@ impl Bench {
         let mut stored = DEVICE.defaults();
         (stored.settle_s, stored.window_s) = (0.1, 0.1);
         let parameters = DEVICE.control(&stored).unwrap();
-        let duty = DEVICE.hit_sequence(&stored, false).unwrap().duty;
+        let duty = DEVICE.hit_sequence(&stored, false).unwrap().approach.duty;
         let supervisor = Supervisor::new(plan, None);
         let history = BlackBox::new(1);
         let renderer = Renderer::new(supervisor, parameters, stored.signs, duty, history);
@@ -414,19 +414,17 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
 fn an_experiment_that_nobody_began_is_found_after_the_output() {
     let mut bench = Bench::new();
     let renderer = &mut bench.renderer;
-    let sampled = renderer.parameters;
-    assert!(renderer.is_whole(&sampled));
+    assert!(renderer.experiment_is_whole());
     *renderer.experiments.parts().activity = Activity::Hit;
-    assert!(!renderer.is_whole(&sampled));
+    assert!(!renderer.experiment_is_whole());
 }
 
 #[test]
 fn a_copy_that_differs_is_found_after_the_output() {
-    let spoilers: [fn(&mut Renderer<8>); 4] = [
+    let spoilers: [fn(&mut Renderer<8>); 3] = [
         |renderer| renderer.motor_reversed.spoil(true),
         |renderer| renderer.gains.spoil(Gains::Outside),
         |renderer| renderer.host.spoil(),
-        |renderer| renderer.experiments.parts().duty.spoil(),
     ];
     for spoil in spoilers {
         let mut bench = Bench::new();
@@ -444,20 +442,21 @@ fn a_plan_that_is_not_what_was_ordered_is_found() {
     bench.gains(0.0, 0.0);
     for order in [bench.hit(), bench.pulses(), Bench::calibrate(5.0)] {
         bench.met(order);
-        let sampled = bench.renderer.parameters;
-        assert!(bench.renderer.is_whole(&sampled));
+        assert!(bench.renderer.experiment_is_whole());
         match bench.renderer.experiments.parts().experiment {
             Experiment::Hit(hit) => hit.spoil(),
             Experiment::Pulses(train) => train.spoil(),
             Experiment::Calibration(calibration) => calibration.spoil(),
             Experiment::None => panic!("none"),
         }
-        assert!(!bench.renderer.is_whole(&sampled));
+        assert!(!bench.renderer.experiment_is_whole());
         bench.met(Order::Stop);
-        assert!(bench.renderer.is_whole(&sampled));
+        assert!(bench.renderer.experiment_is_whole());
     }
-    let sampled = bench.renderer.parameters;
     let other = Stored { period: 5, ..DEVICE.defaults() };
     bench.renderer.experiments.parts().duty_plan.spoil(DEVICE.period(&other).unwrap().duty);
-    assert!(!bench.renderer.is_whole(&sampled));
+    assert!(!bench.renderer.experiment_is_whole());
+    let mut bench = Bench::new();
+    bench.renderer.experiments.parts().duty.spoil();
+    assert!(!bench.renderer.experiment_is_whole());
 }

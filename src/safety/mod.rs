@@ -48,6 +48,7 @@ mod records;
 mod sign;
 mod speed;
 mod stuck_encoder;
+mod sum;
 mod supervisor;
 mod token;
 
@@ -63,6 +64,7 @@ pub use plan::{SLEW, SafetyPlan, SafetySettings};
 pub use rate::RateWatch;
 pub use read_back::{CurrentSettings, CurrentWatch, OutputWatch, Readings, Written};
 pub use records::{Inputs, Refusal, Request, Sensed, State, Status};
+pub use sum::sum;
 pub use supervisor::{Proposal, Rendered, Supervisor};
 pub use token::Token;
 

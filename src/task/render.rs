@@ -222,7 +222,8 @@ impl Render {
 
     /// Switches off at once if a number or register that decides about the force has changed. The next output reports
     /// the change. A late output leaves these checks to a later output. If a millisecond has passed since the last
-    /// check, all numbers and registers are checked. Otherwise numbers and registers are checked alternately.
+    /// check, all numbers and registers are checked. Otherwise the checks alternate: numbers of loop and supervisor,
+    /// then those of the experiment and the registers.
     #[inline(always)]
     fn check(&mut self, number: u32, was: Option<Written>) {
         let passed = number.wrapping_sub(self.checked);
@@ -239,7 +240,10 @@ impl Render {
                 })
                 && self.acts.is_whole()
                 && self.outputs.set_up.channels_hold();
-        let set_up = !all && self.numbers_next || self.outputs.set_up.holds();
+        let (experiment, set_up) = match !all && self.numbers_next {
+            true => (true, true),
+            false => (self.renderer.experiment_is_whole(), self.outputs.set_up.holds()),
+        };
         // If a task has switched off since then, the reading may belong to zero force.
         let was = was.filter(|_| self.outputs.drive.is_on());
         let read = self.outputs.read_back.finish();
@@ -252,7 +256,7 @@ impl Render {
             self.outputs.halts.rate_is_wrong() | self.outputs.output_watchdog.rate_is_wrong();
         self.found = FaultSet::EMPTY
             .with_if(Fault::Registers, !set_up)
-            .with_if(Fault::Memory, !whole)
+            .with_if(Fault::Memory, !(whole && experiment))
             .with_if(Fault::SampleRate, rate)
             .with_if(Fault::ForceOutput, output)
             .with_if(Fault::MotorCurrent, current);

@@ -65,7 +65,7 @@ pub struct Supervisor {
     seen: u32,
     /// Number of zeroings that were carried out up to the last output.
     zeros: u32,
-    zeroed: bool,
+    zeroed: Doubled<bool>,
     unlocked: Doubled<bool>,
     contact: bool,
     /// Whether the handle is in contact with a wall that has a force. The handle may lean on this wall.
@@ -97,7 +97,7 @@ impl Supervisor {
             present: FaultSet::EMPTY,
             seen: 0,
             zeros: 0,
-            zeroed: false,
+            zeroed: Doubled::new(false),
             unlocked: Doubled::new(false),
             contact: false,
             resting: false,
@@ -187,7 +187,7 @@ impl Supervisor {
             fault: self.fault,
             causes: self.causes,
             present: self.present,
-            zeroed: self.zeroed || self.zero_pending(),
+            zeroed: *self.zeroed || self.zero_pending(),
             unlocked: *self.unlocked,
             contact: self.contact,
             inputs: self.inputs,
@@ -200,8 +200,10 @@ impl Supervisor {
         self.state.is_whole()
             && self.plan.is_whole()
             && self.unlocked.is_whole()
+            && self.zeroed.is_whole()
             && self.fade.as_ref().is_none_or(GainFade::is_whole)
-            && !(self.fault.is_some() && self.state.is_on())
+            && !(self.state.is_on()
+                && (self.fault.is_some() || self.down.acknowledged != self.seen))
     }
 
     /// Whether the task `sample` has switched off by itself.
@@ -232,7 +234,9 @@ impl Supervisor {
         };
         let first = self.fault.is_none() || self.state.is_on();
         self.causes = if first { record.causes } else { self.causes.union(record.causes) };
-        self.zeroed &= !record.causes.loses_zero();
+        if record.causes.loses_zero() {
+            self.zeroed.set(false);
+        }
         if first {
             self.fault = Some(record);
             self.memory = Some(MemoryUpdate::Write(record));
@@ -254,7 +258,9 @@ impl Supervisor {
             return None;
         }
         // A zeroing has the next number of 16 bits. Any other number is a flipped bit, which makes no zero valid.
-        self.zeroed |= guard.zeros == self.zeros.wrapping_add(1) & 0xffff;
+        if guard.zeros == self.zeros.wrapping_add(1) & 0xffff {
+            self.zeroed.set(true);
+        }
         self.zeros = guard.zeros;
         self.last.force()
     }
@@ -419,7 +425,7 @@ impl Supervisor {
                 .with_if(Flags::ARMED, *self.state == State::Armed)
                 .with_if(Flags::CHANGING, self.state.is_on() && (fading || self.withheld))
                 .with_if(Flags::FAULT, self.fault.is_some())
-                .with_if(Flags::ZEROED, self.zeroed)
+                .with_if(Flags::ZEROED, *self.zeroed)
                 .with_if(Flags::STOP_CLOSED, self.inputs.stop_closed)
                 .with_if(Flags::UNLOCKED, *self.unlocked),
             settings: 0,

@@ -27,7 +27,7 @@ impl Supervisor {
             // A zero that is under way would be carried out with the new direction of the count.
             Request::Turn if self.zero_pending() => Err(Refusal::Zeroing),
             Request::Turn => {
-                self.zeroed = false;
+                self.zeroed.set(false);
                 Ok(())
             }
             Request::Stall(true) if self.state.is_on() => Err(Refusal::On),

@@ -29,6 +29,15 @@ fn it_is_whole_until_a_copy_differs() {
     let mut broken = supervisor();
     broken.unlocked.spoil(true);
     assert!(!broken.is_whole());
+    let mut broken = supervisor();
+    broken.zeroed.spoil(true);
+    assert!(!broken.is_whole());
+    // An event of the guard that was not cleared, although force is on.
+    let mut broken = supervisor();
+    broken.down.acknowledged ^= 1 << 3;
+    assert!(broken.is_whole());
+    broken.state.set(State::Armed);
+    assert!(!broken.is_whole());
     // A fault that was not latched, although force is on.
     let mut broken = supervisor();
     broken.fault = Some(FaultRecord::bare(Fault::OverSpeed));
@@ -94,9 +103,9 @@ fn a_flipped_bit_of_the_number_of_zeroings_makes_no_zero_valid() {
         let mut supervisor = supervisor();
         supervisor.zeros = 1 << bit;
         supervisor.follow_zero(&Guard::NOTHING);
-        assert_eq!((supervisor.zeroed, supervisor.zeros), (false, 0), "{bit}");
+        assert_eq!((*supervisor.zeroed, supervisor.zeros), (false, 0), "{bit}");
         supervisor.follow_zero(&Guard { zeros: 1, ..Guard::NOTHING });
-        assert!(supervisor.zeroed);
+        assert!(*supervisor.zeroed);
     }
 }
 
