@@ -18,6 +18,8 @@ use crate::random::Random;
 pub const WATCHED: u64 = 1_200;
 /// Number of start times from which flips are tried in each situation.
 pub const STARTS: usize = 16;
+/// Situations of the flips.
+const FLIPPED: [Situation; 3] = [Situation::Free, Situation::Contact, Situation::Return];
 /// Longest time for which a wrong force is allowed, in s.
 const ALLOWED_S: f64 = 3e-3;
 
@@ -66,8 +68,7 @@ pub fn flip(
 ) -> Result<(Situation, Flip), Error> {
     let mut random = Random::of_case(seed, number);
     let region = REGIONS[usize::try_from(number % 8).unwrap_or_default()];
-    let contact = number / 8 % 2 == 1;
-    let situation = if contact { Situation::Contact } else { Situation::Free };
+    let situation = FLIPPED[usize::try_from(number / 8 % 3).unwrap_or_default()];
     let stage = &stages[situation as usize];
     let start = random.one(&stage.starts);
     // Half of the flips come at any time, mostly while the core sleeps. The other half come while the core works. So
@@ -112,7 +113,7 @@ pub fn flip(
         from_memory: false,
         allowed_s: ALLOWED_S,
         from_fault: false,
-        free: !contact,
+        free: situation.is_free(),
         full_m_per_s2,
     };
     let mut verdict = measure.verdict(world);

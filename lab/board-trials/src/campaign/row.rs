@@ -102,6 +102,7 @@ impl Row {
             Situation::Free => true,
             Situation::Contact => !self.from_off && !self.only_free,
             Situation::Full => !self.from_off && !self.not_full && soon,
+            Situation::Return => false,
         }
     }
 

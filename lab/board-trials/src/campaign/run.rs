@@ -46,6 +46,7 @@ impl<'a> Ground<'a> {
                 let situation = SITUATIONS[n];
                 let (starts, samples) = match situation {
                     Situation::Full => (ROW_START + 1, FULL_SAMPLES),
+                    Situation::Return => (STARTS, WATCHED),
                     _ => (STARTS, samples),
                 };
                 Ok(Stage::new(session, (situation, &[]), starts, samples)?)
@@ -53,8 +54,8 @@ impl<'a> Ground<'a> {
         )?;
         let stages: [Stage; SITUATIONS.len()] =
             stages.try_into().map_err(|_| Error::Internal("a stage of each situation".into()))?;
-        let [free, contact, _] = &stages;
-        let mut read = [free.read.clone(), contact.read.clone()].concat();
+        let [free, contact, _, back] = &stages;
+        let mut read = [free, contact, back].map(|stage| stage.read.clone()).concat();
         read.sort_unstable();
         read.dedup();
         let mut world = boot(session)?;

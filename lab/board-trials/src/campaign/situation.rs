@@ -21,10 +21,14 @@ pub enum Situation {
     /// The same as `Free`, but with the full force of the motor. The handle reaches the wall after 0.14 s with a high
     /// speed. So only faults with a short time limit are injected, and each fault is watched for a short time.
     Full,
+    /// The return move before a hit brings the handle to the start. No hand holds the handle. Only random flips are
+    /// tried here.
+    Return,
 }
 
 /// All situations, in the order of their numbers.
-pub const SITUATIONS: [Situation; 3] = [Situation::Free, Situation::Contact, Situation::Full];
+pub const SITUATIONS: [Situation; 4] =
+    [Situation::Free, Situation::Contact, Situation::Full, Situation::Return];
 
 impl Situation {
     pub const fn text(self) -> &'static str {
@@ -32,6 +36,7 @@ impl Situation {
             Self::Free => "free",
             Self::Contact => "contact",
             Self::Full => "full",
+            Self::Return => "return",
         }
     }
 
@@ -55,6 +60,8 @@ const PUSH_N: f64 = 2.835;
 /// Number of samples for which the board is watched after a fault at the full force.
 pub const FULL_SAMPLES: u64 = 250;
 const ARM_SAMPLES: u64 = 4_000;
+/// Distance of the return move, in m. It takes 0.23 s.
+const RETURN_M: f64 = 35e-3;
 
 /// The scene of the board's own device. With `current_sense`, the amplifier of this scene has a current signal.
 pub fn scene(board: Board, current_sense: bool) -> Result<NamedScene, Error> {
@@ -85,7 +92,7 @@ pub fn ready<'a>(
     let mut world = boot(session)?;
     let zero_m = world.position_m();
     let wall = match situation {
-        Situation::Free | Situation::Full => "wall 0.1",
+        Situation::Free | Situation::Full | Situation::Return => "wall 0.1",
         Situation::Contact => "wall 0.005",
     };
     let push = format!("push {}", situation.push_n(world.full_scale_n()));
@@ -94,9 +101,16 @@ pub fn ready<'a>(
     ask_each(&mut world, &[wall, "k 10000", "b 30", &push, "arm"])?;
     world.run(ARM_SAMPLES)?;
     match situation {
-        Situation::Free | Situation::Full => {
+        Situation::Free | Situation::Full | Situation::Return => {
+            let returns = situation == Situation::Return;
+            if returns {
+                world.lead_to(zero_m - RETURN_M)?;
+            }
             ask(&mut world, "hit")?;
             let start_m = world.position_m();
+            if returns {
+                world.hold(start_m, false);
+            }
             while world.position_m() < start_m + 1e-3 {
                 world.sample()?;
             }
