@@ -3,7 +3,10 @@
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use super::{Duty, DutyPlan, Return, ReturnPlan, ReturnStep};
-use crate::units::{Force, Position};
+use crate::{
+    safety::sum,
+    units::{Force, Position},
+};
 
 /// Why a hit sequence ended without a verdict, or why a pulse train ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,12 +65,25 @@ pub(super) struct Approach {
 
 impl Approach {
     /// Returns the push for this output. Returns `None` when the handle rests at the start and the motor is cool
-    /// enough. `contact` says whether the handle is inside the wall.
+    /// enough. `contact` says whether the handle is inside the wall. The sum is that of the plan.
     ///
     /// # Errors
     /// The handle does not get to the start.
     #[inline(always)]
     pub fn output(
+        &mut self,
+        (plan, plan_sum): (&ApproachPlan, u32),
+        place: (Position, bool),
+        duty: &Duty,
+    ) -> Result<Option<Force>, AbortReason> {
+        let step = self.step(plan, place, duty);
+        // With a changed plan the approach does not end. The next check of the experiment finds the change.
+        let goes_on = matches!(step, Ok(Some(_))) || sum(plan) != plan_sum;
+        if goes_on { Ok(step.ok().flatten().or(Some(Force::ZERO))) } else { step }
+    }
+
+    #[inline(always)]
+    fn step(
         &mut self,
         ApproachPlan { back, duty: limits }: &ApproachPlan,
         (position, contact): (Position, bool),
@@ -123,7 +139,7 @@ mod tests {
         }
         let mut approach = Approach::default();
         let mut output = |duty: &Duty| {
-            let push = approach.output(&plan, (Position::from_counts(0), false), duty);
+            let push = approach.step(&plan, (Position::from_counts(0), false), duty);
             (push.unwrap(), approach.cools())
         };
         // The handle must rest for 20 ms before it counts as arrived.
@@ -140,6 +156,22 @@ mod tests {
     }
 
     #[test]
+    fn a_changed_plan_does_not_end_it() {
+        let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
+        let duty = duty.build(&DESIGN, 60_000).unwrap();
+        let plan = ApproachPlan { back: BACK.build(&DESIGN).unwrap(), duty };
+        let ends = |plan_sum| {
+            let mut approach = Approach::default();
+            let mut output = || {
+                let place = (Position::from_counts(0), false);
+                approach.output((&plan, plan_sum), place, &Duty::default()).unwrap()
+            };
+            (0..100).any(|_| output().is_none())
+        };
+        assert!(ends(sum(&plan)) && !ends(sum(&plan) ^ 1));
+    }
+
+    #[test]
     fn a_way_back_that_warms_the_motor_beyond_its_limit_is_broken_off() {
         let back = BACK.build(&DESIGN).unwrap();
         let duty = DutySettings { continuous_force_n: 0.75, time_constant_s: 10.0 };
@@ -149,7 +181,7 @@ mod tests {
         let mut pushed = false;
         for _ in 0..9_000 {
             // Somebody holds the handle.
-            let push = approach.output(&plan, (Position::from_counts(-40_000), false), &heat);
+            let push = approach.step(&plan, (Position::from_counts(-40_000), false), &heat);
             let push = push.unwrap().unwrap();
             pushed |= push != Force::ZERO;
             assert!(push == Force::ZERO || !heat.is_too_warm(&plan.duty));

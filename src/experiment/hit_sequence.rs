@@ -100,7 +100,9 @@ impl HitSequence {
     ) -> Result<Force, AbortReason> {
         self.fresh = false;
         if let Phase::Approach(approach) = &mut self.phase {
-            if let Some(push) = approach.output(&self.approach, (position, contact), duty)? {
+            if let Some(push) =
+                approach.output((&self.approach, self.approach_sum), (position, contact), duty)?
+            {
                 return Ok(push);
             }
             (self.phase, self.hits) = (Phase::Hit(Hit::new(*self.hit)), true);

@@ -134,7 +134,8 @@ impl PulseTrain {
         duty: &Duty,
     ) -> Result<Option<Force>, AbortReason> {
         if let Phase::Approach(approach) = &mut self.phase {
-            let way = approach.output(&self.approach, (position, contact), duty)?;
+            let way =
+                approach.output((&self.approach, self.approach_sum), (position, contact), duty)?;
             if way.is_some() {
                 return Ok(way);
             }

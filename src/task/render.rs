@@ -90,7 +90,7 @@ pub struct Render {
     /// Faults that were found after the last checked output. `checked` is the number of this output's sample.
     found: FaultSet,
     checked: u32,
-    /// Whether the last check was that of the numbers. Numbers and registers are checked alternately.
+    /// Whether the last check was that of the numbers of loop and supervisor. See [`check`](Self::check).
     numbers_next: bool,
     /// The code that the last output has written, or `None` if the output was off.
     written: Option<Written>,

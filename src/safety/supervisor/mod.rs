@@ -64,7 +64,7 @@ pub struct Supervisor {
     /// [`Guard::events`] at the last output.
     seen: u32,
     /// Number of zeroings that were carried out up to the last output.
-    zeros: u32,
+    zeros: Doubled<u32>,
     zeroed: Doubled<bool>,
     unlocked: Doubled<bool>,
     contact: bool,
@@ -96,7 +96,7 @@ impl Supervisor {
             causes: boot.map_or(FaultSet::EMPTY, |record| record.causes),
             present: FaultSet::EMPTY,
             seen: 0,
-            zeros: 0,
+            zeros: Doubled::new(0),
             zeroed: Doubled::new(false),
             unlocked: Doubled::new(false),
             contact: false,
@@ -131,12 +131,12 @@ impl Supervisor {
         self.contact = drive.contact;
         self.resting = drive.contact && control.wall.acts();
         self.wall_over_zero = control.wall.penetration(Position::default()) > 0;
-        let before = self.zeros;
+        let before = *self.zeros;
         let held = self.follow_zero(guard);
-        if self.zeros != before {
+        if *self.zeros != before {
             self.port.rename(up.motion.position);
         }
-        self.look(up, guard, inputs, (proposal.still, self.zeros != before));
+        self.look(up, guard, inputs, (proposal.still, *self.zeros != before));
         let force = self.force(control, up, proposal.push, &drive, held);
         let grant = match force {
             Some(force) => {
@@ -201,6 +201,7 @@ impl Supervisor {
             && self.plan.is_whole()
             && self.unlocked.is_whole()
             && self.zeroed.is_whole()
+            && self.zeros.is_whole()
             && self.fade.as_ref().is_none_or(GainFade::is_whole)
             && !(self.state.is_on()
                 && (self.fault.is_some() || self.down.acknowledged != self.seen))
@@ -247,21 +248,20 @@ impl Supervisor {
 
     /// Whether a zeroing was requested that `sample` has not carried out yet.
     fn zero_pending(&self) -> bool {
-        self.down.zeros.number() != self.zeros
+        self.down.zeros.number() != *self.zeros
     }
 
     /// Notes a zeroing that `sample` has carried out. The positions then have other numbers, so the old settings no
     /// longer give the old force. A change of the force must start from the force of the last output. Returns this
     /// force.
     fn follow_zero(&mut self, guard: &Guard) -> Option<Force> {
-        if guard.zeros == self.zeros {
+        // Only a request makes a zero, and there is one at a time. Any other difference is a flipped bit.
+        let asked = guard.zeros == self.down.zeros.number();
+        if guard.zeros == *self.zeros || !asked || !self.zeros.is_whole() {
             return None;
         }
-        // A zeroing has the next number of 16 bits. Any other number is a flipped bit, which makes no zero valid.
-        if guard.zeros == self.zeros.wrapping_add(1) & 0xffff {
-            self.zeroed.set(true);
-        }
-        self.zeros = guard.zeros;
+        self.zeros.set(guard.zeros);
+        self.zeroed.set(true);
         self.last.force()
     }
 

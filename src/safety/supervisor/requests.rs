@@ -125,6 +125,9 @@ impl Supervisor {
             State::SignTest | State::RampIn => return Err(Refusal::Arming),
             State::Armed if self.contact => return Err(Refusal::Contact),
             State::Armed if self.wall_over_zero => return Err(Refusal::WallThere),
+            State::Armed | State::Off | State::Fault if self.zero_pending() => {
+                return Err(Refusal::Zeroing);
+            }
             State::Armed | State::Off | State::Fault => {}
         }
         self.down.zeros = self.down.zeros.next();

@@ -96,16 +96,30 @@ fn a_flipped_state_is_found_by_an_output_that_changes_it() {
     }
 }
 
-/// Only the next number is a zeroing.
+/// Only a request makes a zero.
 #[test]
 fn a_flipped_bit_of_the_number_of_zeroings_makes_no_zero_valid() {
-    for bit in 1..u32::BITS {
-        let mut supervisor = supervisor();
-        supervisor.zeros = 1 << bit;
-        supervisor.follow_zero(&Guard::NOTHING);
-        assert_eq!((*supervisor.zeroed, supervisor.zeros), (false, 0), "{bit}");
-        supervisor.follow_zero(&Guard { zeros: 1, ..Guard::NOTHING });
-        assert!(*supervisor.zeroed);
+    for zeroed in [0, 1, 2] {
+        let right = Guard { zeros: zeroed, ..Guard::NOTHING };
+        for bit in 0..u32::BITS {
+            let mut supervisor = supervisor();
+            for _ in 0..zeroed {
+                supervisor.down.zeros = supervisor.down.zeros.next();
+            }
+            supervisor.zeros.set(zeroed);
+            // in what the guard has told
+            supervisor.follow_zero(&Guard { zeros: zeroed ^ 1 << bit, ..right });
+            supervisor.follow_zero(&right);
+            assert_eq!((*supervisor.zeroed, *supervisor.zeros), (false, zeroed), "{bit}");
+            supervisor.down.zeros = supervisor.down.zeros.next();
+            supervisor.follow_zero(&Guard { zeros: zeroed + 1, ..right });
+            assert!(*supervisor.zeroed && supervisor.is_whole());
+            // in one of the two copies
+            supervisor.zeroed.set(false);
+            supervisor.zeros.spoil((zeroed + 1) ^ 1 << bit);
+            supervisor.follow_zero(&Guard { zeros: zeroed + 1, ..right });
+            assert!(!*supervisor.zeroed && !supervisor.is_whole());
+        }
     }
 }
 
