@@ -403,6 +403,7 @@ pub fn identify(
     };
     let span = Span { from_s: span.0, to_s: span.1 };
     let asked = Asked {
+        is_based: true,
         latency,
         fit_latency,
         spring,

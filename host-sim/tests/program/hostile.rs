@@ -130,9 +130,12 @@ fn every_command_ends_within_a_second_of_a_signal() {
     let grid = ["grid", "mine.toml", "--cutoffs", "500", "--dampings", "20", "--stiffnesses"];
     // The fit is the first case, because a later fit could end before its interruption.
     let cases: [(&str, Vec<&str>); 11] = [
-        ("-TERM", vec!["identify", "log.csv", "--gain", "0.6", "--out", "o.toml"]),
+        (
+            "-TERM",
+            vec!["identify", "--base", "paper-1um", "log.csv", "--gain", "0.6", "--out", "o.toml"],
+        ),
         ("-INT", vec!["walk", "pipe", "--cutoff", "500", "--csv", "w.csv"]),
-        ("-TERM", vec!["identify", "pipe", "--gain", "1", "--csv", "i.csv"]),
+        ("-TERM", vec!["identify", "--base", "paper-1um", "pipe", "--gain", "1", "--csv", "i.csv"]),
         ("-HUP", vec!["telemetry", "pipe", "--csv", "a/b/t.csv"]),
         ("-INT", hit),
         ("-TERM", vec!["walk", "mine.toml", "--cutoff", "500", "--csv", "v.csv"]),
@@ -169,11 +172,14 @@ fn inputs_have_a_size_that_is_said() {
     let at = |args: &[&str], wanted: &str| bounded(folder.path(), args, wanted);
     at(&["walk", "/dev/zero", "--cutoff", "500"], "larger than a scene may be, allowed 1 MiB");
     at(&["walk", "mine.toml", "--cutoff", "500"], "larger than a scene may be, allowed 1 MiB");
-    at(&["identify", "/dev/zero", "--gain", "1"], "larger than a record may be, allowed 256 MiB");
+    at(
+        &["identify", "--base", "paper-1um", "/dev/zero", "--gain", "1"],
+        "larger than a record may be, allowed 256 MiB",
+    );
     at(&["telemetry", "/dev/zero"], "larger than a record may be, allowed 256 MiB");
     fs::write(folder.path().join("log.csv"), log(1_000_001)).unwrap();
     let rows = "1000001 rows of data, allowed 100 to 1000000; --from and --to take a part";
-    at(&["identify", "log.csv", "--gain", "1"], rows);
+    at(&["identify", "--base", "paper-1um", "log.csv", "--gain", "1"], rows);
     let many = "1000,".repeat(10_001);
     fs::write(
         folder.path().join("mine.toml"),
@@ -211,7 +217,20 @@ fn an_input_is_never_replaced() {
         ([&walk[..], &["./mine.toml"]].concat(), "mine.toml"),
         ([&walk[..], &["soft/mine.toml"]].concat(), "mine.toml"),
         ([&walk[..], &["hard.toml"]].concat(), "mine.toml"),
-        (vec!["identify", "log.csv", "--gain", "1", "--csv", "log.csv", "--force"], "log.csv"),
+        (
+            vec![
+                "identify",
+                "--base",
+                "paper-1um",
+                "log.csv",
+                "--gain",
+                "1",
+                "--csv",
+                "log.csv",
+                "--force",
+            ],
+            "log.csv",
+        ),
         (
             vec![
                 "identify",
@@ -275,8 +294,18 @@ fn several_outputs_appear_together_or_not_at_all() {
     let path = folder.path();
     fs::write(path.join("log.csv"), log_of(0.0, 20_000)).unwrap();
     // The disk is full: there is space for the scene, but not for the CSV.
-    let args =
-        ["identify", "log.csv", "--gain", "0.5906", "--out", "new.toml", "--csv", "new/i.csv"];
+    let args = [
+        "identify",
+        "--base",
+        "paper-1um",
+        "log.csv",
+        "--gain",
+        "0.5906",
+        "--out",
+        "new.toml",
+        "--csv",
+        "new/i.csv",
+    ];
     let before = listing(path);
     let full = shell(path, "trap '' XFSZ; ulimit -f 200", &args).output().unwrap();
     let line = String::from_utf8(full.stderr).unwrap();
@@ -311,7 +340,11 @@ fn a_doubled_column_and_a_strange_cell_are_named() {
         (log(200).replacen("0.0001000,", "0.0001000,\u{1b}[31m", 1), "voltage_v is `\\u{1b}[31m"),
     ] {
         fs::write(folder.path().join("log.csv"), text).unwrap();
-        bounded(folder.path(), &["identify", "log.csv", "--gain", "1"], wanted);
+        bounded(
+            folder.path(),
+            &["identify", "--base", "paper-1um", "log.csv", "--gain", "1"],
+            wanted,
+        );
     }
 }
 

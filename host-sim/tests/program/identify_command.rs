@@ -99,7 +99,7 @@ fn positions_in_mm_are_named_as_the_likely_cause() {
         fs::write(folder.join(name), rows.join("\n")).unwrap();
     };
     in_mm(1000.0, "mm.csv");
-    let args = ["identify", "mm.csv", "--gain", "0.5906"];
+    let args = ["identify", "--base", "paper-1um", "mm.csv", "--gain", "0.5906"];
     refused(folder, &args, "are these mm?");
     // without counts, only an implausible travel or mass shows that a unit is wrong
     refused(
@@ -108,7 +108,16 @@ fn positions_in_mm_are_named_as_the_likely_cause() {
         "allowed 5 m; position_m is in m",
     );
     in_mm(600.0, "small.csv");
-    let args = ["identify", "small.csv", "--gain", "0.0005906", "--resolution", "0"];
+    let args = [
+        "identify",
+        "--base",
+        "paper-1um",
+        "small.csv",
+        "--gain",
+        "0.0005906",
+        "--resolution",
+        "0",
+    ];
     refused(folder, &args, "are these mm?");
 }
 
@@ -128,10 +137,10 @@ fn a_force_or_a_current_identifies_as_the_voltage_does() {
     let folder = folder();
     let folder = folder.path();
     let found = |args: &[&str]| -> serde_json::Value {
-        let args = [args, &["--json", "--latency", "0"]].concat();
+        let args = [args, &["--json", "--latency", "10"]].concat();
         serde_json::from_str(&done(folder, &args)).unwrap()
     };
-    let voltage = found(&["identify", "log.csv", "--gain", "0.5906"]);
+    let voltage = found(&["identify", "--base", "paper-1um", "log.csv", "--gain", "0.5906"]);
     let gain = NamedScene::load("paper-1um").unwrap().scene.actuator.gain_n_per_v;
     let same = |json: &serde_json::Value| {
         for key in ["mass_kg", "damping_n_s_per_m", "stiffness_n_per_m", "rest_position_m"] {
@@ -143,20 +152,29 @@ fn a_force_or_a_current_identifies_as_the_voltage_does() {
     with_header(folder, "Time (ms);Force (mN);Position (mm)", [1e3, 590.6, 1e3]);
     let text = fs::read_to_string(folder.join("other.csv")).unwrap();
     fs::write(folder.join("other.csv"), text.replace(',', ";")).unwrap();
-    let force = found(&["identify", "other.csv"]);
+    let force = found(&["identify", "--base", "paper-1um", "other.csv"]);
     same(&force);
     assert_eq!((&force["drive"], &force["gain_source"]), (&"force".into(), &"force".into()));
     assert!(force["gain_n_per_v"].is_null() && force.get("gain_n_per_a").is_none());
-    refused(folder, &["identify", "other.csv", "--gain", "1"], "the log has the force itself");
+    refused(
+        folder,
+        &["identify", "--base", "paper-1um", "other.csv", "--gain", "1"],
+        "the log has the force itself",
+    );
     with_header(folder, "t/s,current_mA,encoder_ticks", [1.0, 1e3, 1e6]);
-    let current = found(&["identify", "other.csv", "--gain", "0.5906"]);
+    let current = found(&["identify", "--base", "paper-1um", "other.csv", "--gain", "0.5906"]);
     same(&current);
     assert_eq!(current["gain_n_per_a"]["value"], 0.5906);
     let by_motor = ["--torque-constant", "0.01", "--drum-radius", "0.02"];
-    let by_motor = found(&[&["identify", "other.csv"], &by_motor[..]].concat());
+    let by_motor =
+        found(&[&["identify", "--base", "paper-1um", "other.csv"], &by_motor[..]].concat());
     assert_eq!(by_motor["gain_n_per_a"]["value"], 0.5);
-    refused(folder, &["identify", "other.csv"], "the force per ampere is not given");
-    let both = ["identify", "log.csv", "other.csv", "--gain", "1"];
+    refused(
+        folder,
+        &["identify", "--base", "paper-1um", "other.csv"],
+        "the force per ampere is not given",
+    );
+    let both = ["identify", "--base", "paper-1um", "log.csv", "other.csv", "--gain", "1"];
     refused(folder, &both, "log.csv has a voltage and other.csv a current");
 }
 
@@ -168,7 +186,17 @@ fn a_latency_is_in_rows_of_the_log() {
     let tenth = text.lines().enumerate().filter(|(row, _)| *row == 0 || row % 10 == 1);
     let tenth: Vec<&str> = tenth.map(|(_, line)| line).collect();
     fs::write(folder.join("tenth.csv"), tenth.join("\n")).unwrap();
-    let args = ["identify", "tenth.csv", "--gain", "0.5906", "--latency", "1", "--json"];
+    let args = [
+        "identify",
+        "--base",
+        "paper-1um",
+        "tenth.csv",
+        "--gain",
+        "0.5906",
+        "--latency",
+        "1",
+        "--json",
+    ];
     let json: serde_json::Value = serde_json::from_str(&done(folder, &args)).unwrap();
     assert_eq!(json["latency_s"]["value"], json["step_s"]);
 }
@@ -178,7 +206,17 @@ fn a_log_becomes_a_scene_that_the_other_commands_take() {
     let folder = folder();
     let folder = folder.path();
     let start = Instant::now();
-    let args = ["identify", "log.csv", "--gain", "0.5906", "--out", "mine.toml", "--json"];
+    let args = [
+        "identify",
+        "--base",
+        "paper-1um",
+        "log.csv",
+        "--gain",
+        "0.5906",
+        "--out",
+        "mine.toml",
+        "--json",
+    ];
     let mut json: serde_json::Value = serde_json::from_str(&done(folder, &args)).unwrap();
     let took_s = start.elapsed().as_secs_f64();
     println!("from CSV to scene in {took_s:.2} s");
@@ -221,7 +259,18 @@ fn a_log_becomes_a_scene_that_the_other_commands_take() {
 #[test]
 fn figure_and_table_of_the_fit_are_written() {
     let folder = folder();
-    let args = ["identify", "log.csv", "--gain", "0.5906", "--plot", "fit.png", "--csv", "fit.csv"];
+    let args = [
+        "identify",
+        "--base",
+        "paper-1um",
+        "log.csv",
+        "--gain",
+        "0.5906",
+        "--plot",
+        "fit.png",
+        "--csv",
+        "fit.csv",
+    ];
     let text = done(folder.path(), &args);
     assert!(text.contains("mass           0.4160") && text.contains("; white"), "{text}");
     assert!(fs::read(folder.path().join("fit.png")).unwrap().len() > 10_000);
@@ -240,7 +289,7 @@ fn the_gain_comes_from_motor_weight_or_added_mass() {
     let folder = folder.path();
     fs::write(folder.join("heavy.csv"), log(0.15)).unwrap();
     let gain = |args: &[&str]| -> f64 {
-        let args = [&["identify", "log.csv", "--json"], args].concat();
+        let args = [&["identify", "--base", "paper-1um", "log.csv", "--json"], args].concat();
         let json: serde_json::Value = serde_json::from_str(&done(folder, &args)).unwrap();
         let (gain, mass) = (&json["gain_n_per_v"]["value"], &json["mass_kg"]["value"]);
         let ratio = mass.as_f64().unwrap() / gain.as_f64().unwrap();
@@ -262,7 +311,9 @@ fn bad_input_is_refused_in_one_line() {
     fs::write(folder.join("binary"), [0xff, 0, 1, 2]).unwrap();
     fs::write(folder.join("empty.csv"), "").unwrap();
     let gain = ["--gain", "0.5906"];
-    let with = |log: &'static str, more: &[&'static str]| [&["identify", log], more].concat();
+    let with = |log: &'static str, more: &[&'static str]| {
+        [&["identify", "--base", "paper-1um", log], more].concat()
+    };
     for (args, wanted) in [
         (with("log.csv", &[]), "the force per volt is not given"),
         (with("none.csv", &gain), "none.csv cannot be read"),
@@ -302,7 +353,7 @@ fn bad_input_is_refused_in_one_line() {
             "--from is NaN, allowed any finite number of s",
         ),
         (with("log.csv", &["--gain", "1", "--from", "1.0"]), "no excitation"),
-        (with("log.csv", &["--gain", "1", "--base", "none"]), "none cannot be read: "),
+        (vec!["identify", "log.csv", "--gain", "1", "--base", "none"], "none cannot be read: "),
         (
             with("log.csv", &["--gain", "1", "--plot", "fit.pdf"]),
             "allowed endings are .svg and .png",
@@ -321,13 +372,13 @@ fn bad_input_is_refused_in_one_line() {
 fn terms_are_asked_for_by_name_and_become_elements() {
     let folder = folder();
     let folder = folder.path();
-    let plain = ["identify", "log.csv", "--gain", "0.5906", "--json"];
+    let plain = ["identify", "--base", "paper-1um", "log.csv", "--gain", "0.5906", "--json"];
     let automatic = done(folder, &plain);
     assert_eq!(done(folder, &[&plain[..], &["--terms", "none"]].concat()), automatic);
     assert!(!automatic.contains("\"terms\""));
-    refused(folder, &[&plain[..4], &["--offset"]].concat(), "give --rest-position");
-    refused(folder, &[&plain[..4], &["--friction", "--terms", "none"]].concat(), "--terms");
-    refused(folder, &[&plain[..4], &["--encoder-cycle", "2"]].concat(), "--encoder-cycle is 2");
+    refused(folder, &[&plain[..6], &["--offset"]].concat(), "give --rest-position");
+    refused(folder, &[&plain[..6], &["--friction", "--terms", "none"]].concat(), "--terms");
+    refused(folder, &[&plain[..6], &["--encoder-cycle", "2"]].concat(), "--encoder-cycle is 2");
     // the option moves the spring's rest position by 1 mm, so the fit must find a constant force that balances the
     // spring
     let asked = [&plain[..], &["--rest-position", "0.0507", "--out", "pushed.toml"]].concat();
@@ -370,4 +421,50 @@ fn a_plan_is_what_the_console_takes() {
     assert!(bare.contains("# guessed, not in the scene: safety.travel_low_m"), "{bare}");
     refused(folder.path(), &["identify", "--plan", "log.csv"], "--plan");
     refused(folder.path(), &["identify"], "LOG");
+}
+
+/// Without a base scene, nothing of one is assumed.
+#[test]
+fn a_log_without_a_base_scene_gives_its_own_count_and_needs_the_latency() {
+    let folder = folder();
+    let folder = folder.path();
+    let found = |args: &[&str]| -> serde_json::Value {
+        let args = [&["identify", "log.csv", "--gain", "0.5906", "--json"], args].concat();
+        serde_json::from_str(&done(folder, &args)).unwrap()
+    };
+    let without = found(&["--latency", "10"]);
+    let based = found(&["--base", "paper-1um"]);
+    for key in ["mass_kg", "latency_s", "residual"] {
+        assert_eq!(without[key], based[key], "{key}");
+    }
+    let log = ["identify", "log.csv", "--gain", "0.5906"];
+    refused(
+        folder,
+        &log,
+        "give --latency (0 if it acts at the time of its row), --fit-latency, or",
+    );
+    with_header(folder, "t/s,voltage_V,encoder_ticks", [1.0, 1.0, 1e6]);
+    let counts = ["identify", "other.csv", "--gain", "0.5906", "--latency", "10"];
+    refused(folder, &counts, "needs the size of a count: give it as --resolution, or");
+    fs::write(folder.join("capture.bin"), [0xff; 64]).unwrap();
+    let capture = ["identify", "capture.bin", "--gain", "0.5906", "--latency", "0"];
+    refused(folder, &capture, "give the scene of its device as --base");
+}
+
+#[test]
+fn another_record_is_predicted() {
+    let folder = folder();
+    let folder = folder.path();
+    let args = ["identify", "log.csv", "--base", "paper-1um", "--gain", "0.5906"];
+    let with = |more: &[&'static str]| [&args[..], more].concat();
+    let text = done(folder, &with(&["--check", "log.csv"]));
+    let json = done(folder, &with(&["--check", "log.csv", "--json"]));
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let [check, fitted] = [&json["check"], &json["residual"]];
+    let [rms_m, fitted_m] = [check, fitted].map(|one| one["rms_m"].as_f64().unwrap());
+    assert!((rms_m / fitted_m - 1.0).abs() < 1e-3, "{rms_m} {fitted_m}");
+    assert_eq!((&check["log"], &check["rows"]), (&"log.csv".into(), &json["rows"]));
+    assert!(text.contains("check log.csv: ") && text.contains("prediction off by "), "{text}");
+    with_header(folder, "t/s,force_N,encoder_ticks", [1.0, 0.5906, 1e6]);
+    refused(folder, &with(&["--check", "other.csv"]), "other.csv has a force, needed a voltage");
 }

@@ -31,12 +31,14 @@ pub struct IdentifyArgs {
     /// current. Several records of one device are fitted at once.
     #[arg(required_unless_present = "plan", value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Scene with encoder, voltage limit, latency, sample rate, and all other keys of a scene.
-    #[arg(long, value_name = "SCENE", default_value = "paper-1um")]
-    base: String,
+    /// Scene of the device: encoder, voltage limit, latency, sample rate, and all other keys of a scene. Without it,
+    /// give --latency or --fit-latency; the size of a count is found in the records; and the written scene takes the
+    /// other keys from paper-1um.
+    #[arg(long, value_name = "SCENE")]
+    base: Option<String>,
     #[command(flatten)]
     gain: GainArgs,
-    /// Time from a row until its command acts, in rows of the log [default: the base scene's time].
+    /// Time from a row until its command acts, in rows of the log [default: that of --base].
     #[arg(long, value_name = "ROWS", allow_negative_numbers = true)]
     latency: Option<f64>,
     /// Fit the latency too. The search begins at --latency.
@@ -59,7 +61,7 @@ pub struct IdentifyArgs {
     /// this table the travel is searched].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     encoder_cycle: Option<f64>,
-    /// Size of a count in m or rad, or 0 for a sensor without counts [default: the base scene's].
+    /// Size of a count in m or rad, or 0 for a sensor without counts [default: that of --base].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     resolution: Option<f64>,
     /// Use the records from this time stamp on, in s.
@@ -68,6 +70,10 @@ pub struct IdentifyArgs {
     /// Use the records up to this time stamp, in s.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     to: Option<f64>,
+    /// Predict this record with the result, and tell the error. Only its first position and speed are fitted. It is a
+    /// record of the same device that the result has not seen.
+    #[arg(long, value_name = "LOG")]
+    check: Option<PathBuf>,
     /// Write voltage, measured position and modelled position of the first record as CSV.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -184,8 +190,13 @@ impl GainArgs {
 }
 
 impl IdentifyArgs {
+    fn base(&self) -> &str {
+        self.base.as_deref().unwrap_or("paper-1um")
+    }
+
     fn asked(&self) -> Asked {
         Asked {
+            is_based: self.base.is_some(),
             latency: self.latency,
             fit_latency: self.fit_latency,
             spring: !self.no_spring,
@@ -202,32 +213,45 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     if args.plan {
         return plan::run(args, common);
     }
-    let base = NamedScene::load(&args.base)?;
+    let base = NamedScene::load(args.base())?;
     let units = base.scene.units;
-    let inputs = [&args.logs[..], &base.files].concat();
+    let inputs = [&args.logs[..], args.check.as_slice(), &base.files].concat();
     let moments = Kind::Moments { rate_hz: base.scene.control.rate_hz };
     let mut outputs = common.outputs(&inputs)?;
     let out = outputs.option(common.out.as_ref())?;
     let file = outputs.table(args.csv.as_ref(), moments, Some(&base))?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let asked = args.asked();
-    let of_base = (&base, args.base.as_str());
+    let of_base = (&base, args.base());
     let (records, options) =
         identify::read_all(&args.logs, of_base, (&asked, &args.gain.asked()), units)?;
     let found = identify::identify_in(units, &records, &options, interrupt::flag())?;
     let made = Made::new(&base, &found, &options)?;
+    let checked = args.check.as_ref().map(|log| identify::check(log, of_base, &found, &options));
+    let checked = checked.transpose()?.map(|(record, fit)| Checked {
+        rms_m: fit.rms_m(),
+        rows: fit.residual_m.len(),
+        log: record.name,
+    });
     if let Some(out) = out {
-        let text = scene_text(&made, &args.base, &found, &options, &records, units)?;
+        let text = scene_text(&made, args.base(), &found, &options, &records, units)?;
         outputs.write(out, text.as_bytes())?;
     }
     outputs.tell(file, units, || told::csv(&records[0], &found))?;
     outputs.draw(plot, || told::draw(&records[0], &found, units))?;
     outputs.commit()?;
-    let json =
-        WithScene { rest: InUnits(units, Json::new(&records, &found, &options)), scene: &made };
+    let json = WithScene {
+        rest: InUnits(units, Json::new(&records, &found, &options)),
+        check: checked.as_ref().map(|checked| InUnits(units, checked)),
+        scene: &made,
+    };
     print_result(common.json, json, || {
+        let checked = checked.iter().map(|Checked { log, rows, rms_m }| {
+            let rms = units.said(rms_m * 1e6, "um");
+            format!("\ncheck {}: {rows} rows, prediction off by {rms} RMS", printable(log, false))
+        });
         let notes = made.notes.iter().map(|note| format!("\nwarning: {note}"));
-        told::table(&records, &found, &options, units) + &notes.collect::<String>()
+        told::table(&records, &found, &options, units) + &checked.chain(notes).collect::<String>()
     })
 }
 
@@ -236,7 +260,17 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
 struct WithScene<'a> {
     #[serde(flatten)]
     rest: InUnits<Json<'a>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    check: Option<InUnits<&'a Checked>>,
     scene: &'a Made,
+}
+
+/// How well another record is predicted.
+#[derive(Serialize)]
+struct Checked {
+    log: String,
+    rows: usize,
+    rms_m: f64,
 }
 
 fn scene_text(

@@ -10,7 +10,7 @@ pub(super) fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     if common.out.is_some() {
         return Err(Error::input("--out: --plan writes no file"));
     }
-    let scene = NamedScene::load(&args.base)?;
+    let scene = NamedScene::load(args.base())?;
     let told = Planned::new(&scene)?;
     let units = scene.scene.units;
     print_console_of(common.json, &scene.scene, &told, || {

@@ -7,8 +7,8 @@ use std::{
 };
 
 use super::{
-    Drive, Gain, Identification, Options, OutputScale, Record, Span, Terms, from_capture,
-    from_capture_csv, identified, telemetry::is_capture_csv,
+    Drive, Fit, Gain, Identification, Options, OutputScale, Record, Span, Terms, checks,
+    from_capture, from_capture_csv, identified, predict, telemetry::is_capture_csv,
 };
 use crate::{
     error::Error,
@@ -19,8 +19,8 @@ use crate::{
 
 /// Values in m that `--encoder-cycle` may have. A scene allows the same range.
 const CYCLE_M: RangeInclusive<f64> = 1e-8..=1.0;
-/// Values in m that `--resolution` may have. A scene allows the same range. The option may also be 0.
-const RESOLUTION_M: RangeInclusive<f64> = 1e-8..=1e-3;
+/// Limit of the command if it is not known, as a multiple of the largest command. No command reaches it.
+const BEYOND: f64 = 1.001;
 
 /// The options that say how large the force per volt is. They belong to several sources. Only one source may be given.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -107,6 +107,9 @@ impl GainAsked {
 /// The options of an identification, except those for the force per volt.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Asked {
+    /// Whether the base scene is that of the device. If not, only the written scene takes values from it: the latency
+    /// must be given, and the size of a count is found in the records.
+    pub is_based: bool,
     /// Time until the command of a row acts, in rows of the log. The default is the base scene's latency.
     pub latency: Option<f64>,
     pub fit_latency: bool,
@@ -131,6 +134,21 @@ impl Asked {
     /// An option is out of range.
     pub(super) fn options(&self, base: &Scene, said_in: Units) -> Result<Options, Error> {
         let mut options = Options::of_scene(base, Gain::Force);
+        if !self.is_based {
+            if self.latency.is_none() && !self.fit_latency {
+                return Err(Error::input(
+                    "it is not known when the command of a row acts: give --latency (0 if it acts at the time of its row), \
+                     --fit-latency, or the scene of the device as --base",
+                ));
+            }
+            options = Options {
+                latency_s: 0.0,
+                resolution_m: 0.0,
+                limit_v: f64::INFINITY,
+                cycle_m: None,
+                ..options
+            };
+        }
         options.fit_latency = self.fit_latency;
         options.spring = self.spring;
         options.terms = self.terms;
@@ -155,7 +173,7 @@ impl Asked {
         if let Some(resolution) = self.resolution {
             options.resolution_m = match resolution {
                 0.0 => 0.0,
-                said => length("--resolution", said, RESOLUTION_M)
+                said => length("--resolution", said, checks::RESOLUTION_M)
                     .map_err(|error| Error::Input(format!("{error}, or 0")))?,
             };
         }
@@ -204,12 +222,43 @@ pub(super) fn of_records(
         )));
     }
     options.gain = gain.source(base, said_in, first.drive)?;
+    if !asked.is_based {
+        let commands = records.iter().flat_map(|record| &record.command);
+        let largest =
+            commands.fold(f64::MIN_POSITIVE, |most: f64, command| most.max(command.abs()));
+        options.limit_v = BEYOND * largest;
+        if asked.resolution.is_none() {
+            options.resolution_m = checks::grid(records).unwrap_or(0.0);
+        }
+    }
     if let Some(rows) = asked.latency {
         options.latency_s = rows * first.step_s;
     }
     let known = options.gain.known_n_per_v();
     known.map_err(|error| Error::Input(base.units.text(&error)))?;
     Ok(options)
+}
+
+/// Predicts another record with [`predict`]. `--from` and `--to` do not apply to it. Error messages use `units`.
+///
+/// # Errors
+/// The file is no record, its command is another one, or the model does not describe it.
+pub fn check(
+    log: &Path,
+    (base, base_name): (&NamedScene, &str),
+    found: &Identification,
+    options: &Options,
+) -> Result<(Record, Fit), Error> {
+    let record = read(log, (base, base_name), options, Span::default())?;
+    if record.drive != found.drive {
+        return Err(Error::Input(format!(
+            "{} has a {}, needed a {}",
+            record.name, record.drive, found.drive
+        )));
+    }
+    let fit = predict(found, &record, options);
+    let fit = fit.map_err(|error| Error::Input(said(base.scene.units, &error)))?;
+    Ok((record, fit))
 }
 
 /// Reads a record from a file in any accepted format. Error messages name the base scene with `base_name`.
@@ -224,8 +273,13 @@ pub fn read(
     let scale = OutputScale::of_scene(scene, options.resolution_m)
         .map_err(|error| Error::Input(error).of(base_name))?;
     let record = match input::utf8(&bytes) {
-        Ok(text) if is_capture_csv(text) => from_capture_csv(&name, text, &scale, span),
-        Ok(text) => Record::from_csv(&name, text, span, scene.units, options.resolution_m),
+        Ok(text) if !is_capture_csv(text) => {
+            Record::from_csv(&name, text, span, scene.units, options.resolution_m)
+        }
+        _ if !options.limit_v.is_finite() || options.resolution_m == 0.0 => {
+            Err("a capture has codes and counts: give the scene of its device as --base".into())
+        }
+        Ok(text) => from_capture_csv(&name, text, &scale, span),
         Err(_) => from_capture(&name, &bytes, &scale, span),
     };
     record.map_err(|error| Error::Input(error).of(&name))

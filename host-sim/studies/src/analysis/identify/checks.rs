@@ -1,5 +1,7 @@
 //! Checks a record before and after the fit. Each refusal says its reason.
 
+use std::ops::RangeInclusive;
+
 use super::{
     Drive, Options,
     confidence::{Estimate, Estimates},
@@ -57,6 +59,25 @@ pub(super) fn before(record: &Record, first: usize, options: &Options) -> Result
     if resolution_m > 0.0 { on_grid(record, resolution_m) } else { Ok(()) }
 }
 
+/// Size of a count in m, by the smallest difference of two positions. `None` if the positions are no multiples of it.
+pub(super) fn grid(records: &[Record]) -> Option<f64> {
+    let step = |record: &Record| {
+        let mut levels = record.position_m.clone();
+        levels.sort_by(f64::total_cmp);
+        let steps = levels.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > SAME_M);
+        steps.fold(f64::INFINITY, f64::min)
+    };
+    let step_m = records.iter().map(step).fold(f64::INFINITY, f64::min);
+    let count_m =
+        format!("{step_m:.6e}").parse().ok().filter(|step| RESOLUTION_M.contains(step))?;
+    records.iter().all(|record| on_grid(record, count_m).is_ok()).then_some(count_m)
+}
+
+/// Values in m that `--resolution` may have. A scene allows the same range. The option may also be 0.
+pub(super) const RESOLUTION_M: RangeInclusive<f64> = 1e-8..=1e-3;
+/// Positions that differ by less, in m, are the same.
+const SAME_M: f64 = 1e-11;
+
 /// Refuses positions that cannot be counts of an encoder with this resolution.
 fn on_grid(record: &Record, resolution_m: f64) -> Result<(), String> {
     // Software may have set the zero of the positions, so the zero need not be at a count.
@@ -79,7 +100,9 @@ fn on_grid(record: &Record, resolution_m: f64) -> Result<(), String> {
     if step > 1 {
         let cause = if step % 1000 == 0 { IN_MM } else { "" };
         return Err(format!(
-            "the position moves in steps of {step} counts of {resolution_m} m; give the encoder's --resolution{cause}"
+            "the position moves in steps of {step} counts of {resolution_m} m; give the encoder's --resolution, \
+             here {:.6e} in m{cause}",
+            step as f64 * resolution_m
         ));
     }
     Ok(())
@@ -119,7 +142,7 @@ pub(super) fn not_driven(explained: Option<f64>) -> String {
 }
 
 /// Usual mass, force and speed of a hand-held handle.
-const USUAL_KG: std::ops::RangeInclusive<f64> = 0.005..=20.0;
+const USUAL_KG: RangeInclusive<f64> = 0.005..=20.0;
 const USUAL_FORCE_N: f64 = 500.0;
 const USUAL_SPEED_M_PER_S: f64 = 20.0;
 
@@ -128,8 +151,7 @@ pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<S
     let mut questions = vec![];
     if !USUAL_KG.contains(&mass_kg) {
         questions.push(format!(
-            "a handle of {:.1} g: is --gain in N/V and position_m in m, time_s in s?",
-            1e3 * mass_kg
+            "a handle of {mass_kg:.4} kg: is --gain in N/V and position_m in m, time_s in s?"
         ));
     }
     if force_n > USUAL_FORCE_N {

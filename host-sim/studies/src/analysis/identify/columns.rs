@@ -175,15 +175,21 @@ impl<'a> Columns<'a> {
                 Some(Ok((Counts, factor))) => {
                     if resolution_m == 0.0 {
                         return Err(format!(
-                            "`{name}` needs the size of a count, not --resolution 0"
+                            "`{name}` needs the size of a count: give it as --resolution, or the scene of the device as \
+                             --base"
                         ));
                     }
                     (2, factor * resolution_m)
                 }
                 Some(Ok(_)) => {
                     let device = if rotary { "rotary" } else { "linear" };
+                    let other = if rotary {
+                        "linear scene, such as paper-1um"
+                    } else {
+                        "rotary scene, such as hapkit"
+                    };
                     wrong.get_or_insert(format!(
-                        "`{name}` does not fit the base scene, which is {device}"
+                        "`{name}` does not fit the base scene, which is {device}: give a {other}, as --base"
                     ));
                     continue;
                 }
@@ -261,7 +267,8 @@ mod tests {
             (
                 "time_s,voltage_v,position_rad",
                 Units::Linear,
-                "no column position_m in `time_s,voltage_v,position_rad`, needed time_s,voltage_v,position_m; `position_rad` does not fit the base scene, which is linear",
+                "no column position_m in `time_s,voltage_v,position_rad`, needed time_s,voltage_v,position_m; `position_rad` does not fit the base scene, which is linear: give a rotary scene, \
+                 such as hapkit, as --base",
             ),
             ("time_s,voltage_v,position_m", ROTARY, "no column position_rad"),
             ("time_s,torque_n_m,position_m", Units::Linear, "`torque_n_m` does not fit"),

@@ -280,18 +280,7 @@ impl Problem<'_> {
             if promised < POLISHED * square {
                 return Some(jacobian);
             }
-            let better = (0..HALVINGS).find_map(|halvings| {
-                let mut moved = self.clone();
-                let part = 0.5_f64.powi(halvings);
-                moved
-                    .values
-                    .slice_mut()
-                    .iter_mut()
-                    .zip(&step)
-                    .for_each(|(value, step)| *value -= part * step);
-                let left = moved.residuals().filter(|_| moved.values.is_allowed())?;
-                (left.norm_squared() < residual.norm_squared()).then_some((moved.values, left))
-            });
+            let better = self.shortened(&residual, &step);
             let Some((values, left)) = better else {
                 return (is_done || promised < square).then_some(jacobian);
             };
@@ -364,26 +353,59 @@ impl Problem<'_> {
     pub(super) fn beside(mut self, place: usize, value: f64, square: f64) -> Option<(Values, f64)> {
         self.values.slice_mut()[place] = value;
         self.values.is_allowed().then_some(())?;
+        let others: Vec<usize> =
+            (0..self.values.vector().len()).filter(|one| *one != place).collect();
+        let residual = self.only(&others, PROFILED * square)?;
+        Some((self.values, residual.norm_squared()))
+    }
+
+    /// Fits position and speed at the first row of each record to the positions. All other values are fixed. Returns the
+    /// residual, which is the model minus the measured value.
+    pub(super) fn fit_starts(&mut self) -> Option<DVector<f64>> {
+        let layout = *self.values.layout();
+        let of = |record| [Some(layout.position_place(record)), layout.speed_place(record)];
+        let starts: Vec<usize> = (0..self.records.len()).flat_map(of).flatten().collect();
+        let square = self.residuals()?.norm_squared() / self.rows() as f64;
+        self.only(&starts, PROFILED * square)
+    }
+
+    /// Fits the values at these places by Gauss-Newton steps. Ends when a step reduces the sum of squares by less than
+    /// `least`. Returns the residual.
+    fn only(&mut self, places: &[usize], least: f64) -> Option<DVector<f64>> {
         let mut residual = self.residuals()?;
         for _ in 0..POLISHES {
-            let jacobian = self.by_differences()?.remove_column(place);
-            let step = least_squares_step(&jacobian, &residual)?.insert_row(place, 0.0);
-            let better = (0..HALVINGS).find_map(|halvings| {
-                let mut moved = self.clone();
-                let part = 0.5_f64.powi(halvings);
-                let values = moved.values.slice_mut().iter_mut();
-                values.zip(&step).for_each(|(value, step)| *value -= part * step);
-                let left = moved.residuals().filter(|_| moved.values.is_allowed())?;
-                (left.norm_squared() < residual.norm_squared()).then_some((moved.values, left))
-            });
-            let Some((values, left)) = better else { break };
+            let (middle, by) = (self.stacked()?, self.differences());
+            let columns = places.iter().map(|&place| self.difference(&middle, place, by[place]));
+            let jacobian = DMatrix::from_columns(&columns.collect::<Option<Vec<_>>>()?);
+            let mut step = DVector::zeros(by.len());
+            for (place, one) in places.iter().zip(&least_squares_step(&jacobian, &residual)?) {
+                step[*place] = *one;
+            }
+            let Some((values, left)) = self.shortened(&residual, &step) else { break };
             let gained = residual.norm_squared() - left.norm_squared();
             (self.values, residual) = (values, left);
-            if gained < PROFILED * square {
+            if gained < least {
                 break;
             }
         }
-        Some((self.values, residual.norm_squared()))
+        Some(residual)
+    }
+
+    /// Takes this step, or the longest part of it that reduces the sum of squares. Returns the values and their
+    /// residual. The step is halved up to [`HALVINGS`] times.
+    fn shortened(
+        &self,
+        residual: &DVector<f64>,
+        step: &DVector<f64>,
+    ) -> Option<(Values, DVector<f64>)> {
+        (0..HALVINGS).find_map(|halvings| {
+            let mut moved = self.clone();
+            let part = 0.5_f64.powi(halvings);
+            let values = moved.values.slice_mut().iter_mut();
+            values.zip(step).for_each(|(value, step)| *value -= part * step);
+            let left = moved.residuals().filter(|_| moved.values.is_allowed())?;
+            (left.norm_squared() < residual.norm_squared()).then_some((moved.values, left))
+        })
     }
 
     /// What the model reads at all fitted rows, weighted. The records follow each other.

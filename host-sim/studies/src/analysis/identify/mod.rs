@@ -41,7 +41,7 @@ mod tests;
 mod weighting;
 mod widen;
 
-pub use asked::{Asked, GainAsked, identify_in, read, read_all};
+pub use asked::{Asked, GainAsked, check, identify_in, read, read_all};
 pub use columns::Drive;
 pub use confidence::{CONFIDENCE, Estimate};
 pub use gain::Gain;
@@ -58,10 +58,12 @@ pub use terms::{Cogging, FAMILY_P, Found, Phase, Stribeck, Term, Terms, Tested};
 use std::{f64::consts::TAU, sync::atomic::AtomicBool};
 
 use crate::scene::{Rounding, Scene};
-use fit::Fitted;
+use fit::{Fitted, Problem};
 use layout::{Included, Layout, Parameter, Values};
 use misfit::Misfit;
+use residual::Weighed;
 use search::{Model, Search};
+use weighting::Weighting;
 
 /// Time by which the fit begins later in the record if the latency is fitted, in s.
 const LATENCY_ROOM_S: f64 = 0.01;
@@ -91,6 +93,14 @@ pub struct Options {
 }
 
 impl Options {
+    /// Mean error of a quantiser that rounds down, in m.
+    fn half_count_m(&self) -> f64 {
+        match self.rounding {
+            Rounding::Floor => 0.5 * self.resolution_m,
+            Rounding::Round => 0.0,
+        }
+    }
+
     /// Options with the scene's latency, encoder and voltage limit.
     pub fn of_scene(scene: &Scene, gain: Gain) -> Self {
         Self {
@@ -124,6 +134,29 @@ pub struct Fit {
 }
 
 impl Fit {
+    /// A fit from measured positions and residuals. Positions are measured from `reference_m`.
+    fn new(
+        first: usize,
+        (measured, residual_m): (&[f64], &[f64]),
+        [x, speed_m_per_s]: [f64; 2],
+        reference_m: f64,
+    ) -> Self {
+        let model = measured.iter().zip(residual_m).map(|(x, left)| x - left + reference_m);
+        Self {
+            first,
+            model_m: model.collect(),
+            residual_m: residual_m.to_vec(),
+            position_m: x + reference_m,
+            speed_m_per_s,
+        }
+    }
+
+    /// Root mean square of the residual, in m.
+    pub fn rms_m(&self) -> f64 {
+        let squares = self.residual_m.iter().map(|left| left * left).sum::<f64>();
+        (squares / self.residual_m.len() as f64).sqrt()
+    }
+
     /// Five values for each fitted row: time, voltage, measured position, position of the model, and the difference of
     /// the positions.
     pub fn rows(&self, record: &Record) -> impl Iterator<Item = [f64; 5]> {
@@ -155,6 +188,7 @@ pub struct Identification {
     pub joint: Joint,
     pub evaluations: usize,
     pub warnings: Vec<String>,
+    values: Values,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -201,15 +235,11 @@ fn identified(
         records: records.len(),
         resting: 0,
     };
-    let half_count_m = match options.rounding {
-        Rounding::Floor => 0.5 * options.resolution_m,
-        Rounding::Round => 0.0,
-    };
     let mut fitted = vec![];
     for (record, added_kg) in records.iter().zip(added) {
         let first = first_row(record, options).map_err(|error| of(record, &error))?;
         checks::before(record, first, options).map_err(|error| of(record, &error))?;
-        let positions = record.position_m.iter().map(|x| x + half_count_m - reference_m);
+        let positions = record.position_m.iter().map(|x| x + options.half_count_m() - reference_m);
         fitted.push(Fitted { record, positions_m: positions.collect(), first, added_kg, stop });
     }
     let values = first_values(&fitted, layout, options)?;
@@ -234,6 +264,33 @@ fn identified(
         found.warnings.push(warning);
     }
     Ok(found)
+}
+
+/// Predicts the positions of another record of the same device. Only first position and first speed are fitted to it.
+///
+/// # Errors
+/// The record is shorter than the latency, or the model does not describe it.
+pub fn predict(found: &Identification, record: &Record, options: &Options) -> Result<Fit, String> {
+    let first = first_row(record, options).map_err(|error| of(record, &error))?;
+    let layout = Layout { records: 1, resting: 0, ..*found.values.layout() };
+    let reference_m = layout.reference_m;
+    let positions = record.position_m.iter().map(|x| x + options.half_count_m() - reference_m);
+    let fitted = Fitted {
+        record,
+        positions_m: positions.collect(),
+        first,
+        added_kg: 0.0,
+        stop: &AtomicBool::new(false),
+    };
+    let mut values = found.values.within(layout);
+    let measured = &fitted.positions_m[first..];
+    let seconds = (FEWEST_ROWS - 1) as f64 * record.step_s;
+    values.set_start(0, [measured[0], (measured[FEWEST_ROWS - 1] - measured[0]) / seconds]);
+    let records = [fitted.clone()];
+    let mut problem = Problem { records: &records, values, weighting: &Weighting::White };
+    let residual = problem.fit_starts();
+    let residual_m = -residual.ok_or_else(|| of(record, "the model does not describe it"))?;
+    Ok(Fit::new(first, (measured, residual_m.as_slice()), problem.values.start(0), reference_m))
 }
 
 fn of(record: &Record, error: &str) -> String {
@@ -337,27 +394,23 @@ fn conclude(
     tests: Vec<Tested>,
 ) -> Result<Identification, String> {
     let fitted = search.records;
-    let Model { solution, weighed, estimates: found, .. } = model;
-    let (values, reference_m) = (model.values(), model.layout().reference_m);
+    let Model { solution, estimates: found, .. } = model;
+    let reference_m = model.layout().reference_m;
+    // The force weighting hides slow errors. So it shows the first position and speed badly.
+    let mut unweighted =
+        Problem { records: fitted, values: model.values().clone(), weighting: &Weighting::White };
+    let started = search.weighting.is_force().then(|| unweighted.fit_starts()).flatten();
+    let values = &unweighted.values;
+    let residual_m = started.map_or_else(|| solution.residual_m.clone(), |residual| -residual);
+    let weighed = Weighed::new(fitted, (&residual_m, reference_m), search.options);
     let residual = weighed.found;
     let mut fits = vec![];
     let mut top = 0;
     for (index, Fitted { positions_m, first, .. }) in fitted.iter().enumerate() {
         let measured = &positions_m[*first..];
-        let residual_m = solution.residual_m.rows(top, measured.len());
+        let own = residual_m.rows(top, measured.len());
         top += measured.len();
-        let [x, speed_m_per_s] = values.start(index);
-        fits.push(Fit {
-            first: *first,
-            model_m: measured
-                .iter()
-                .zip(residual_m.iter())
-                .map(|(x, residual)| x - residual + reference_m)
-                .collect(),
-            residual_m: residual_m.iter().copied().collect(),
-            position_m: x + reference_m,
-            speed_m_per_s,
-        });
+        fits.push(Fit::new(*first, (measured, own.as_slice()), values.start(index), reference_m));
     }
     if !search.weighting.is_force() {
         checks::explains(residual.rms_m, fit::motion(fitted))?;
@@ -438,6 +491,7 @@ fn conclude(
         joint: found.joint,
         evaluations: solution.evaluations,
         warnings,
+        values: values.clone(),
     })
 }
 

@@ -15,11 +15,12 @@
 
 use std::f64::consts::{PI, TAU};
 
+use nalgebra::DVector;
 use statrs::distribution::{ChiSquared, ContinuousCDF as _};
 
 use super::{
     Options,
-    fit::{Fitted, Solution, motion},
+    fit::{Fitted, motion},
 };
 use crate::scene::Rounding;
 
@@ -82,8 +83,12 @@ pub(super) struct Weighed {
 }
 
 impl Weighed {
-    pub(super) fn new(records: &[Fitted<'_>], solution: &Solution, options: &Options) -> Self {
-        let reference_m = solution.values.layout().reference_m;
+    /// Takes the residual of all records, measured from `reference_m`, in m.
+    pub(super) fn new(
+        records: &[Fitted<'_>],
+        (residual_m, reference_m): (&DVector<f64>, f64),
+        options: &Options,
+    ) -> Self {
         let unit_m = if options.resolution_m > 0.0 {
             options.resolution_m
         } else {
@@ -96,7 +101,7 @@ impl Weighed {
         let mut counted = vec![];
         for Fitted { positions_m, first, .. } in records {
             let measured = &positions_m[*first..];
-            let left = solution.residual_m.rows(top, measured.len());
+            let left = residual_m.rows(top, measured.len());
             top += measured.len();
             let model = measured.iter().zip(left.iter()).map(|(x, left)| x - left + reference_m);
             counted.push([

@@ -58,7 +58,8 @@ pub(super) struct Model {
 impl Model {
     fn new(search: &Search<'_>, solution: Solution, cycles: f64) -> Result<Self, String> {
         let Search { records, options, weighting } = search;
-        let weighed = Weighed::new(records, &solution, options);
+        let left = (&solution.residual_m, solution.values.layout().reference_m);
+        let weighed = Weighed::new(records, left, options);
         let given = (&weighed, weighting);
         let estimates = confidence::estimates(&solution, given, &mut [], records[0].stop)?;
         let mut jacobian = solution.jacobian.clone();

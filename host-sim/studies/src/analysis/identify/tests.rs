@@ -12,7 +12,7 @@ use super::{
 use crate::{
     error::Error,
     plant::{Plant as _, PlantStep},
-    scene::{NamedScene, Scene},
+    scene::{NamedScene, Scene, Units},
 };
 
 /// Number of cases of the short search. The environment variable `IDENTIFY_CASES` sets another number.
@@ -284,6 +284,7 @@ fn asked(dice: &mut Dice) -> Asked {
 
 fn plausible(dice: &mut Dice) -> Asked {
     Asked {
+        is_based: dice.chance(0.7),
         latency: Some(dice.one(&[0.0, 0.0, 0.0, 0.5, 3.0])),
         fit_latency: dice.chance(0.3),
         spring: dice.chance(0.4),
@@ -714,4 +715,36 @@ fn friction_that_depends_on_the_position_is_named() {
     let found = of_rough(rough([0.4, 2.0, 0.1, 0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 0.5]));
     let named = |warning: &String| warning.contains("friction that depends on the position");
     assert!(found.warnings.iter().any(named), "{:?} {:?}", found.warnings, found.terms);
+}
+
+/// Drag is no term of the model, so the residual is weighed as a force. Position and speed at the start are fitted to
+/// the positions even then.
+#[test]
+fn a_fit_of_forces_still_begins_where_the_record_does() {
+    let (step_s, mass_kg, drag) = (1e-3, 1.0, 20.0);
+    let (mut x, mut v) = (0.0_f64, 0.02_f64);
+    let rows = (0..6_000).map(|row| {
+        let volts = 4.0 * (2.3 * f64::from(row) * step_s).sin();
+        let seen = x;
+        for _ in 0..50 {
+            v += step_s / 50.0 * (volts - 0.5 * v - drag * v * v.abs()) / mass_kg;
+            x += step_s / 50.0 * v;
+        }
+        format!("{},{volts},{seen}\n", f64::from(row) * step_s)
+    });
+    let text = "time_s,force_n,position_m\n".to_owned() + &rows.collect::<String>();
+    let record = Record::from_csv("log", &text, Span::default(), Units::Linear, 0.0).unwrap();
+    let scene = NamedScene::load("paper-1um").unwrap().scene;
+    let options = Options {
+        latency_s: 0.0,
+        resolution_m: 0.0,
+        spring: false,
+        terms: Terms::NONE,
+        ..Options::of_scene(&scene, Gain::Force)
+    };
+    let found = identify(&[record], &options).unwrap();
+    assert!(found.warnings.iter().any(|warning| warning.contains("weighs it as the force")));
+    let fit = &found.fits[0];
+    let mean_m = fit.residual_m.iter().sum::<f64>() / fit.residual_m.len() as f64;
+    assert!(mean_m.abs() < 1e-3 * fit.rms_m(), "{mean_m} {}", fit.rms_m());
 }
