@@ -150,8 +150,12 @@ const USUAL_SPEED_M_PER_S: f64 = 20.0;
 pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<String> {
     let mut questions = vec![];
     if !USUAL_KG.contains(&mass_kg) {
+        let mass = match mass_kg < 1.0 {
+            true => format!("{:.1} g", 1e3 * mass_kg),
+            false => format!("{mass_kg:.1} kg"),
+        };
         questions.push(format!(
-            "a handle of {mass_kg:.4} kg: is --gain in N/V and position_m in m, time_s in s?"
+            "a handle of {mass}: is --gain in N/V and position_m in m, time_s in s?"
         ));
     }
     if force_n > USUAL_FORCE_N {
