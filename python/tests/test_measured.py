@@ -144,9 +144,9 @@ def test_a_bad_identification(base: zwidth.Scene, refused: Run, tmp_path: Path) 
         line = re.sub(r"--([a-z-]+)", lambda option: option[1].replace("-", "_"), line)
         refuses(zwidth.identify, line, path, base=base, **asked)
     bad: list[tuple[dict[str, Any], str]] = [
-        (GAIN | {"added_mass": 1.0}, "more than one way"),
-        ({"torque_constant": 1.0}, "is not given"),
-        (GAIN | {"terms": ["lag"]}, 'terms has "lag", allowed auto or none alone, or some of friction, amplifier'),
+        (GAIN | SPAN | {"added_mass": 1.0}, "more than one way"),
+        (SPAN | {"torque_constant": 1.0}, "is not given"),
+        (GAIN | {"terms": ["lag"]}, 'terms has "lag", allowed auto or none alone, or some of friction, stribeck, amplifier'),
     ]
     for asked, words in bad:
         with pytest.raises(ValueError, match=words):
