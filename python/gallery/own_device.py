@@ -73,7 +73,7 @@ for factor in (2, 1, 0.5, 0.25):
 
 # %%
 coarse = {f"walk.{name}": 6 * step for name, step in device.to_dict()["walk"].items() if "_step_" in name}
-found = zwidth.explain(device.replace(coarse), repeat=2)
+found = zwidth.explain(device.replace(coarse), criterion="rms", repeat=2)
 first = np.argsort(-found.table["times_the_area"], kind="stable")[:8]  # what has none comes last
 changes = [[found.table[key][n] for key in ("what", "times_the_area", "times_low", "times_high")] for n in first]
 
