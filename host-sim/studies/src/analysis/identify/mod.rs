@@ -401,8 +401,14 @@ fn conclude(
         Problem { records: fitted, values: model.values().clone(), weighting: &Weighting::White };
     let started = search.weighting.is_force().then(|| unweighted.fit_starts()).flatten();
     let values = &unweighted.values;
-    let residual_m = started.map_or_else(|| solution.residual_m.clone(), |residual| -residual);
-    let weighed = Weighed::new(fitted, (&residual_m, reference_m), search.options);
+    let shown = started.map(|residual| {
+        let residual_m = -residual;
+        (Weighed::new(fitted, (&residual_m, reference_m), search.options), residual_m)
+    });
+    let (weighed, residual_m) = match &shown {
+        Some((weighed, residual_m)) => (weighed, residual_m),
+        None => (&model.weighed, &solution.residual_m),
+    };
     let residual = weighed.found;
     let mut fits = vec![];
     let mut top = 0;
