@@ -78,8 +78,11 @@ impl Approach {
     ) -> Result<Option<Force>, AbortReason> {
         let step = self.step(plan, place, duty);
         // With a changed plan the approach does not end. The next check of the experiment finds the change.
-        let goes_on = matches!(step, Ok(Some(_))) || sum(plan) != plan_sum;
-        if goes_on { Ok(step.ok().flatten().or(Some(Force::ZERO))) } else { step }
+        let ends = !matches!(step, Ok(Some(_)));
+        if ends && sum(plan) != plan_sum {
+            return Ok(Some(Force::ZERO));
+        }
+        step
     }
 
     #[inline(always)]

@@ -20,7 +20,7 @@
 use super::SafetyPlan;
 use crate::units::{Force, Position};
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SignTest {
     outputs: u32,
     /// Positions at the beginning of the test and at the end of each quarter.

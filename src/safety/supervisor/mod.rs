@@ -47,7 +47,7 @@ pub struct Rendered {
 pub struct Supervisor {
     plan: Doubled<SafetyPlan>,
     state: Doubled<State>,
-    sign: SignTest,
+    sign: Doubled<SignTest>,
     /// Number of outputs since the ramp of the force began.
     ramp: u32,
     fade: Option<GainFade>,
@@ -84,7 +84,7 @@ impl Supervisor {
         Self {
             plan: Doubled::new(plan),
             state: Doubled::new(if boot.is_some() { State::Fault } else { State::Off }),
-            sign: SignTest::new(),
+            sign: Doubled::new(SignTest::new()),
             ramp: 0,
             fade: None,
             port: PassiveWall::new(Position::from_counts(0)),
@@ -347,7 +347,12 @@ impl Supervisor {
         held: Option<Force>,
     ) -> Option<Force> {
         if *self.state == State::SignTest {
-            match self.sign.step(&self.plan, up.motion.position) {
+            let step = self.sign.change(|sign| sign.step(&self.plan, up.motion.position));
+            match step {
+                // With a changed position or time a wrong sign could pass.
+                _ if !self.sign.is_whole() => {
+                    self.trip(self.here(up.motion, FaultSet::EMPTY.with(Fault::Memory)));
+                }
                 SignStep::Push(force) => return Some(force),
                 SignStep::Passed => {
                     self.state.set(State::RampIn);

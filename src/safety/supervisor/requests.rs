@@ -99,7 +99,7 @@ impl Supervisor {
             return Err(Refusal::Zeroing);
         }
         self.state.set(State::SignTest);
-        self.sign = SignTest::new();
+        self.sign.set(SignTest::new());
         self.watch = StuckEncoder::default();
         self.memory = Some(MemoryUpdate::Write(FaultRecord::bare(Fault::ResetWhileArmed)));
         Ok(())

@@ -59,23 +59,37 @@ fn it_is_whole_until_a_copy_differs() {
     assert!(!broken.is_whole());
 }
 
+/// Makes one output. Returns its command, the state after it, and whether a changed number was found.
+fn output(mut supervisor: Supervisor, inputs: Inputs) -> (OutputCommand, State, bool) {
+    let (up, control) = (SampleReport::BEFORE, control(0.01, 2000.0));
+    let asked = (Proposal::default(), control.render(up.motion, Force::ZERO));
+    let grant = supervisor.grant(&control, &up, &Guard::NOTHING, asked, inputs).grant;
+    (grant, *supervisor.state, supervisor.causes.contains(Fault::Memory))
+}
+
+/// With a changed time or position, a wrong sign could pass.
+#[test]
+fn a_flipped_bit_in_the_sign_test_is_found_by_the_next_output() {
+    let mut supervisor = supervisor();
+    supervisor.state.set(State::SignTest);
+    let (command, state, found) = output(supervisor, GOOD);
+    assert!(matches!(command, OutputCommand::On(_)) && state == State::SignTest && !found);
+    let mut other = *supervisor.sign;
+    other.step(&supervisor.plan, Position::default());
+    supervisor.sign.spoil(other);
+    assert_eq!(output(supervisor, GOOD), (OutputCommand::Off, State::Fault, true));
+}
+
 /// An output that changes the state writes both copies, so it must check them first.
 #[test]
 fn a_flipped_state_is_found_by_an_output_that_changes_it() {
     const STATES: [State; 5] =
         [State::Off, State::SignTest, State::RampIn, State::Armed, State::Fault];
-    let control = control(0.01, 2000.0);
     let output = |state, copy, inputs| {
         let mut supervisor = supervisor();
         supervisor.state.set(state);
         supervisor.state.spoil(copy);
-        let (up, guard) = (SampleReport::BEFORE, Guard::NOTHING);
-        let grant = {
-            let drive = control.render(up.motion, Force::ZERO);
-            let asked = (Proposal::default(), drive);
-            supervisor.grant(&control, &up, &guard, asked, inputs).grant
-        };
-        (grant, *supervisor.state, supervisor.causes.contains(Fault::Memory))
+        output(supervisor, inputs)
     };
     let open = Inputs { stop_closed: false, ..GOOD };
     for inputs in [GOOD, open] {
