@@ -7,12 +7,9 @@ use zwidth::contract::RATE_HZ;
 
 use super::Common;
 use crate::{
-    analysis::{
-        identify::{Record, Span},
-        replay::{Ranking, Told, rank, replay, velocity},
-    },
+    analysis::replay::{Ranking, Told, rank, read_log, replay, velocity},
     error::Error,
-    input, interrupt,
+    interrupt,
     notation::number,
     output::{in_units::InUnits, table::Kind, telemetry::replay_figure, terminal::print_result},
     range::within,
@@ -65,10 +62,7 @@ fn ranked(args: &ReplayArgs, reference_hz: f64, common: &Common) -> Result<(), E
         within("--resolution", resolution, 1e-12..=1.0).map_err(Error::Input)?;
         resolution_m = resolution / scene.units.key("_m").map_or(1.0, |(_, per_m)| per_m);
     }
-    let name = args.capture.display().to_string();
-    let text = input::read_text(&args.capture, input::RECORD)?;
-    let record = Record::from_csv(&name, &text, Span::default(), scene.units, resolution_m)
-        .map_err(|error| Error::Input(scene.units.text(&error)).of(&name))?;
+    let record = read_log(&args.capture, scene, resolution_m)?;
     let ranking = rank(&record, resolution_m, reference_hz, scene, interrupt::flag())?;
     outputs.tell(csv, scene.units, || ranks_csv(&ranking))?;
     outputs.commit()?;

@@ -1,5 +1,7 @@
 //! Makes a record from the firmware's telemetry. The telemetry is a capture, or the CSV that `telemetry --csv` writes.
 
+use std::ops::RangeInclusive;
+
 use zwidth::{
     Output,
     telemetry::Flags,
@@ -14,13 +16,15 @@ use crate::{
     analysis::telemetry::Capture,
     input::{
         self,
-        table::{FINITE, Table},
+        table::{FROM_0, Table},
     },
     scene::Scene,
 };
 
 /// Columns that the CSV of `telemetry` must have.
 const COLUMNS: [&str; 5] = ["sample", "position_counts", "force_q30", "command", "flags"];
+/// Range of a number of 32 bits.
+const WORD: RangeInclusive<f64> = i32::MIN as f64..=i32::MAX as f64;
 
 /// Converts the integers of telemetry to volts and metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -133,13 +137,21 @@ pub fn from_capture_csv(
     scale: &OutputScale,
     span: Span,
 ) -> Result<Record, String> {
-    let rows = Table::new(text)?.numbers(&COLUMNS.map(|column| (column, FINITE)))?;
-    let sent = rows.into_iter().map(|(line, [sample, counts, force, command, flags])| {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+    let mut columns = COLUMNS.map(|column| (column, WORD));
+    columns[0].1 = FROM_0;
+    columns[4].1 = 0.0..=f64::from(u16::MAX);
+    let rows = Table::new(text)?.numbers(&columns)?;
+    let sent = rows.into_iter().map(|(line, row)| {
+        let mut cells = COLUMNS.iter().zip(row);
+        if let Some((column, cell)) = cells.find(|(_, cell)| cell.fract() != 0.0) {
+            return Err(format!("line {line}: {column} is `{cell}`, allowed whole numbers"));
+        }
+        let [sample, counts, force, command, flags] = row;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "16 bits")]
         let flags = Flags::from_bits(flags as u16);
-        Sent { line, sample, counts, force, command, flags }
+        Ok(Sent { line, sample, counts, force, command, flags })
     });
-    record(name, sent.collect(), scale, span, "line")
+    record(name, sent.collect::<Result<_, _>>()?, scale, span, "line")
 }
 
 fn record(

@@ -16,7 +16,7 @@ use zwidth::{
 use super::recompute::{Recomputed, Row};
 
 pub use asked::{Told, lsb_m_per_s, replay, velocity};
-pub use rank::{Ranked, Ranking, rank};
+pub use rank::{Ranked, Ranking, rank, read_log};
 
 /// Longest delay that can be found between two estimators, in samples.
 const LAG: usize = 500;

@@ -9,7 +9,7 @@
 //! All quantities are in counts and samples, so the record may have any rate. The tunings belong to a design of 10 kHz,
 //! and are scaled to the record's rate.
 
-use std::sync::atomic::AtomicBool;
+use std::{path::Path, sync::atomic::AtomicBool};
 
 use serde::Serialize;
 use zwidth::{
@@ -21,10 +21,10 @@ use super::rms;
 use crate::{
     analysis::{
         compare::{axis::Axes, bandwidth::bandwidth_hz},
-        identify::Record,
+        identify::{Record, Span},
     },
     error::Error,
-    interrupt,
+    input, interrupt,
     scene::Scene,
 };
 
@@ -75,6 +75,14 @@ struct Bench<'a> {
     acceleration_m_per_s2: f64,
     inner: std::ops::Range<usize>,
     stop: &'a AtomicBool,
+}
+
+/// Reads a log to [`rank`] the estimators on. `scene` says whether its positions are lengths or angles.
+pub fn read_log(path: &Path, scene: &Scene, resolution_m: f64) -> Result<Record, Error> {
+    let name = path.display().to_string();
+    let text = input::read_text(path, input::RECORD)?;
+    Record::from_csv(&name, &text, Span::default(), scene.units, resolution_m)
+        .map_err(|error| Error::Input(scene.units.text(&error)).of(&name))
 }
 
 /// Ranks all estimators that need only the count.
