@@ -121,6 +121,36 @@ fn a_column_of_angles_is_read_and_one_of_metres_is_refused() {
     assert!(line.contains("no column position_rad"), "{line}");
 }
 
+#[test]
+fn counts_per_turn_replace_those_of_the_base_scene() {
+    let folder = TempDir::new().unwrap();
+    let folder = folder.path();
+    let scene: toml::Table = rotary(None).parse().unwrap();
+    let counts = scene["rotary"]["counts_per_turn"].as_float().unwrap();
+    let mut other = scene.clone();
+    other["rotary"]["counts_per_turn"] = 1000.0.into();
+    fs::write(folder.join("paddle.toml"), scene.to_string()).unwrap();
+    fs::write(folder.join("other.toml"), other.to_string()).unwrap();
+    fs::write(folder.join("known.toml"), KNOWN).unwrap();
+    let right = [&["identify", PULSE, "--base", "paddle.toml"][..], &SPAN].concat();
+    let given = counts.to_string();
+    let words = ["identify", PULSE, "--base", "other.toml", "--counts-per-turn", &given];
+    let found = json(folder, &[&words[..], &["--out", "found.toml"], &SPAN].concat());
+    let inertia = json(folder, &right)["inertia_kg_m2"]["value"].as_f64().unwrap();
+    near(&found["inertia_kg_m2"]["value"], inertia, "inertia");
+    let found = fs::read_to_string(folder.join("found.toml")).unwrap();
+    let found: toml::Table = found.parse().unwrap();
+    assert_eq!(found["rotary"]["counts_per_turn"].as_float(), Some(counts));
+    for (base, counts, wanted) in [
+        ("known.toml", "4000", "needs a rotary scene as --base"),
+        ("paddle.toml", "0.5", "rotary.counts_per_turn is 0.5, allowed 1 to"),
+    ] {
+        let words = ["identify", PULSE, "--base", base, "--counts-per-turn", counts];
+        let line = refused(folder, &words);
+        assert!(line.contains(wanted), "{line}");
+    }
+}
+
 /// Errors and warnings speak of angles. The messages name options and columns of a rotary scene.
 #[test]
 fn what_is_wrong_with_a_record_is_said_about_the_axis() {
@@ -160,7 +190,7 @@ fn what_is_wrong_with_a_record_is_said_about_the_axis() {
     }
     // at its radius, the device has less than 5 g of mass
     let words = ["identify", "fit.csv", "--base", "paddle.toml", "--gain", "1e-4"];
-    let found = json(folder, &words);
+    let found = json(folder, &[&words[..], &["--terms", "none"]].concat());
     let warnings = found["warnings"].to_string();
     assert!(warnings.contains("kg m^2: is --gain in N m/V and position_rad in rad"), "{warnings}");
 }

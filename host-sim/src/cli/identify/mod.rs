@@ -7,6 +7,7 @@ use std::{fmt::Write as _, path::PathBuf};
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use toml::Value;
 
 use super::Common;
 use crate::{
@@ -64,6 +65,10 @@ pub struct IdentifyArgs {
     /// Size of a count in m or rad, or 0 for a sensor without counts [default: that of --base].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     resolution: Option<f64>,
+    /// Counts per turn of the encoder's axis, after quadrature, in place of --resolution. Needs a rotary base scene
+    /// [default: that of --base].
+    #[arg(long, value_name = "N", allow_negative_numbers = true, conflicts_with = "resolution")]
+    counts_per_turn: Option<f64>,
     /// Use the records from this time stamp on, in s.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     from: Option<f64>,
@@ -194,6 +199,21 @@ impl IdentifyArgs {
         self.base.as_deref().unwrap_or("paper-1um")
     }
 
+    /// The base scene, with the encoder's counts of the options.
+    fn base_scene(&self) -> Result<NamedScene, Error> {
+        let base = NamedScene::load(self.base())?;
+        let Some(counts) = self.counts_per_turn else { return Ok(base) };
+        let mut tables = base.table()?;
+        let Some(Value::Table(rotary)) = tables.get_mut("rotary") else {
+            return Err(Error::input(
+                "--counts-per-turn needs a rotary scene as --base; with any other, give --resolution in m",
+            ));
+        };
+        rotary.insert("counts_per_turn".into(), counts.into());
+        let scene = NamedScene::of_table(base.name, tables, "--counts-per-turn")?;
+        Ok(NamedScene { files: base.files, ..scene })
+    }
+
     fn asked(&self) -> Asked {
         Asked {
             is_based: self.base.is_some(),
@@ -213,7 +233,7 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     if args.plan {
         return plan::run(args, common);
     }
-    let base = NamedScene::load(args.base())?;
+    let base = args.base_scene()?;
     let units = base.scene.units;
     let inputs = [&args.logs[..], args.check.as_slice(), &base.files].concat();
     let moments = Kind::Moments { rate_hz: base.scene.control.rate_hz };

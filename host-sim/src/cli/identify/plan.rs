@@ -3,14 +3,13 @@
 use super::IdentifyArgs;
 use crate::{
     analysis::identify::Planned, cli::Common, error::Error, output::estimated::print_console_of,
-    scene::NamedScene,
 };
 
 pub(super) fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     if common.out.is_some() {
         return Err(Error::input("--out: --plan writes no file"));
     }
-    let scene = NamedScene::load(args.base())?;
+    let scene = args.base_scene()?;
     let told = Planned::new(&scene)?;
     let units = scene.scene.units;
     print_console_of(common.json, &scene.scene, &told, || {

@@ -10,6 +10,9 @@ use crate::{
     scene::Units,
 };
 
+/// A smaller p of a test is not printed.
+const SMALL_P: f64 = 1e-6;
+
 /// A parameter as people read it.
 pub(super) struct Row {
     name: &'static str,
@@ -151,12 +154,9 @@ pub(super) fn table(
     for row in rows(found, options, units) {
         let _ = write!(text, "\n  {}", row.text());
     }
-    for Tested { term, z, p } in &found.terms.tests {
-        let _ = write!(
-            text,
-            "\n  {} differs from 0 by {z:.1} standard errors, p = {p:.1e}",
-            term.name()
-        );
+    for Tested { term, p, .. } in &found.terms.tests {
+        let p = if *p < SMALL_P { format!("p < {SMALL_P:e}") } else { format!("p = {p:.1e}") };
+        let _ = write!(text, "\n  test of {} against 0: {p}", term.name());
     }
     let residual = &found.residual;
     let _ = write!(text, "\nresidual {} RMS", units.said(residual.rms_m * 1e6, "um"));

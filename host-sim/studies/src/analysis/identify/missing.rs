@@ -29,6 +29,12 @@ const FORCES: [(Force, &str); 3] = [
     (|_, x, speed| -x * speed.signum(), "friction that depends on the position"),
 ];
 
+/// Direction of the force on a second mass. The arguments are speed and acceleration.
+type Side = fn(f64, f64) -> f64;
+
+/// Forces on the second mass behind a backlash: its damping, and its inertia.
+const SIDES: [Side; 2] = [|speed, _| speed, |_, acceleration| acceleration];
+
 /// Likely causes of what the model does not explain in the residual. The most likely cause comes first.
 pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
     let all = model.solution.weighed_m.norm_squared();
@@ -52,6 +58,8 @@ pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
     for (force, cause) in FORCES {
         add(search.explains_force(force, model), cause.into());
     }
+    let play = SIDES.iter().filter_map(|side| search.explains_play(side, model));
+    add(play.reduce(f64::max), "backlash before a second mass".into());
     if let Some((share, hz)) = vibration(search.records, model) {
         let cause = format!("a flexible transmission or a second mass ({hz:.0} Hz)");
         add(Some(share * all), cause);
@@ -59,7 +67,8 @@ pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
     causes.sort_by(|a, b| b.0.total_cmp(&a.0));
     let named: Vec<String> = causes.into_iter().map(|(_, cause)| cause).collect();
     if named.is_empty() {
-        return "none of what can be fitted; backlash, a stop, a hand, friction that is not Coulomb's?".into();
+        return "none of what can be fitted; a stop, a hand, friction that is not Coulomb's?"
+            .into();
     }
     named.join(", ")
 }

@@ -29,6 +29,8 @@ pub(super) const FAST_ROWS: usize = 8;
 const CURVE_LEAVES: f64 = 0.25;
 /// Amplitude of a force that is tried, as a share of the largest command.
 const SMALL_FORCE: f64 = 1e-4;
+/// Smallest force between two masses that moves a play, as a share of the largest.
+const STILL_SHARE: f64 = 1e-3;
 /// Longest time constant of the handle that an amplifier's lag may stand in for, in rows, if the lag is shorter.
 const EXCHANGED_ROWS: f64 = 100.0;
 /// Number of starts from which a fit is made.
@@ -86,6 +88,13 @@ impl Model {
     /// The part of a column that is orthogonal to the model's own derivatives.
     pub(super) fn without(&self, column: &DVector<f64>) -> DVector<f64> {
         column - &self.basis * self.basis.tr_mul(column)
+    }
+
+    /// Estimates by how much this column would reduce the sum of squares.
+    fn promised(&self, column: &DVector<f64>) -> Option<f64> {
+        let left = self.without(column);
+        let promised = left.dot(&self.solution.weighed_m).powi(2) / left.norm_squared();
+        promised.is_finite().then_some(promised)
     }
 
     /// The size of a term of the model.
@@ -476,9 +485,7 @@ impl Search<'_> {
         parameter: Parameter,
         model: &Model,
     ) -> Option<f64> {
-        let left = model.without(&self.problem(model.values().within(layout)).by(parameter)?);
-        let promised = left.dot(&model.solution.weighed_m).powi(2) / left.norm_squared();
-        promised.is_finite().then_some(promised)
+        model.promised(&self.problem(model.values().within(layout)).by(parameter)?)
     }
 
     /// Estimates by how much one more force would reduce the sum of squares. The estimate is linear. The force depends
@@ -513,9 +520,34 @@ impl Search<'_> {
         let fitted: Vec<_> = own.map(|(own, record)| Fitted { record, ..own.clone() }).collect();
         let problem = Problem { records: &fitted, ..self.problem(model.values().clone()) };
         let by = problem.residuals()? - self.problem(model.values().clone()).residuals()?;
-        let left = model.without(&by);
-        let promised = left.dot(&model.solution.weighed_m).powi(2) / left.norm_squared();
-        promised.is_finite().then_some(promised)
+        model.promised(&by)
+    }
+
+    /// Estimates by how much a play between two masses would reduce the sum of squares. The estimate is linear. A play
+    /// moves the measured mass by a constant in the direction of `side`, which depends on speed and acceleration.
+    pub(super) fn explains_play(
+        &self,
+        side: impl Fn(f64, f64) -> f64,
+        model: &Model,
+    ) -> Option<f64> {
+        let shifts = model.weighed.pieces().into_iter().enumerate().flat_map(|(record, piece)| {
+            let x = piece.position;
+            let last = x.len().saturating_sub(1 + FAST_ROWS).max(FAST_ROWS);
+            let sides = (0..x.len()).map(|row| {
+                let row = row.clamp(FAST_ROWS, last);
+                let [before, here, after] = [x[row - FAST_ROWS], x[row], x[row + FAST_ROWS]];
+                side(0.5 * (after - before), after - 2.0 * here + before)
+            });
+            let sides: Vec<f64> = sides.collect();
+            let least = STILL_SHARE * sides.iter().fold(0.0, |most: f64, one| most.max(one.abs()));
+            // Without a force between the two masses, the play stays as it is.
+            let shifts = sides.iter().scan(0.0, |shift, side| {
+                *shift = if side.abs() > least { side.signum() } else { *shift };
+                Some(*shift)
+            });
+            self.weighting.weighed(record, shifts.collect())
+        });
+        model.promised(&DVector::from_vec(shifts.collect()))
     }
 
     /// The fit without this term.

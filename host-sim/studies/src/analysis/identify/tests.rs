@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Number of cases of the short search. The environment variable `IDENTIFY_CASES` sets another number.
-const CASES: u64 = 150;
+const CASES: u64 = 60;
 const BASES: [&str; 3] = ["paper-1um", "hapkit", "smartknob"];
 
 /// The random choices that make one case.
@@ -714,6 +714,45 @@ fn drag_is_named() {
 fn friction_that_depends_on_the_position_is_named() {
     let found = of_rough(rough([0.4, 2.0, 0.1, 0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 0.5]));
     let named = |warning: &String| warning.contains("friction that depends on the position");
+    assert!(found.warnings.iter().any(named), "{:?} {:?}", found.warnings, found.terms);
+}
+
+/// A motor drives a second mass through a gap. The encoder is on the motor.
+#[test]
+fn backlash_before_a_second_mass_is_named() {
+    const STEP_S: f64 = 5e-4;
+    const PARTS: u32 = 25;
+    const COUNT_M: f64 = 8e-6;
+    const GAP_M: f64 = 1.2e-4;
+    let (motor_kg, load_kg, spring, damper) = (0.04, 0.1, 3.5e5, 75.0);
+    let ([mut x, mut v], [mut load_x, mut load_v]) = ([0.0_f64; 2], [0.0_f64; 2]);
+    let rows = (0..4_000).map(|row: u32| {
+        let force = 0.5 * [1.0, -1.0, 0.0, -1.0, 1.0, 0.5][row as usize / 200 % 6];
+        let seen = (x / COUNT_M).floor() * COUNT_M;
+        for _ in 0..PARTS {
+            let apart = x - load_x;
+            let pressed = apart - apart.clamp(-0.5 * GAP_M, 0.5 * GAP_M);
+            let damps = if pressed == 0.0 { 0.0 } else { damper * (v - load_v) };
+            let contact = spring * pressed + damps;
+            v += STEP_S / f64::from(PARTS) * (force - 0.5 * v - contact) / motor_kg;
+            load_v += STEP_S / f64::from(PARTS) * contact / load_kg;
+            x += STEP_S / f64::from(PARTS) * v;
+            load_x += STEP_S / f64::from(PARTS) * load_v;
+        }
+        format!("{},{force},{seen}\n", f64::from(row) * STEP_S)
+    });
+    let text = "time_s,force_n,position_m\n".to_owned() + &rows.collect::<String>();
+    let record = Record::from_csv("log", &text, Span::default(), Units::Linear, COUNT_M).unwrap();
+    let scene = NamedScene::load("paper-1um").unwrap().scene;
+    let options = Options {
+        latency_s: 0.0,
+        resolution_m: COUNT_M,
+        spring: false,
+        ..Options::of_scene(&scene, Gain::Force)
+    };
+    let found = identify(&[record], &options).unwrap();
+    let named =
+        |warning: &String| warning.contains("likely missing: backlash before a second mass");
     assert!(found.warnings.iter().any(named), "{:?} {:?}", found.warnings, found.terms);
 }
 
