@@ -237,7 +237,7 @@ fn more_walks_than_memory_holds_are_refused() {
 #[test]
 fn an_unstable_first_point_in_a_sweep_is_an_area_of_zero_and_a_note() {
     let folder = scene("damping_start_n_s_per_m = 10", "damping_start_n_s_per_m = 200");
-    let args = ["sweep", "mine.toml", "--cutoffs", "50,2000", "--repeat", "1", "--json"];
+    let args = ["sweep", "mine.toml", "--plain", "--cutoffs", "50,2000", "--repeat", "1", "--json"];
     let output = sim(folder.path(), &args);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();

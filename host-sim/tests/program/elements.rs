@@ -33,7 +33,16 @@ fn results_do_not_depend_on_the_number_of_threads() {
         let status = Command::new(env!("CARGO_BIN_EXE_host-sim"))
             .arg("sweep")
             .arg(&scene)
-            .args(["--cutoffs", "50,200", "--repeat", "2", "--threads", threads, "--out"])
+            .args([
+                "--plain",
+                "--cutoffs",
+                "50,200",
+                "--repeat",
+                "2",
+                "--threads",
+                threads,
+                "--out",
+            ])
             .arg(&out)
             .output()
             .unwrap();
