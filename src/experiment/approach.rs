@@ -54,16 +54,32 @@ impl ApproachPlan {
     ];
 }
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Approach {
     back: Return,
     /// Whether the return move is under way. If not, the motor is cooling down.
     moves: bool,
     /// Number of outputs since the motor began to cool down.
     cooled: u32,
+    /// [Sum](Return::sum) of `back` after the last output.
+    back_sum: u32,
+}
+
+impl Default for Approach {
+    #[inline(always)]
+    fn default() -> Self {
+        let back = Return::default();
+        Self { back, moves: false, cooled: 0, back_sum: back.sum() }
+    }
 }
 
 impl Approach {
+    /// Whether the return move is as the last output left it.
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        self.back.sum() == self.back_sum
+    }
+
     /// Returns the push for this output. Returns `None` when the handle rests at the start and the motor is cool
     /// enough. `contact` says whether the handle is inside the wall. The sum is that of the plan.
     ///
@@ -76,8 +92,13 @@ impl Approach {
         place: (Position, bool),
         duty: &Duty,
     ) -> Result<Option<Force>, AbortReason> {
+        // The next check of the experiment finds the change.
+        if !self.is_whole() {
+            return Ok(Some(Force::ZERO));
+        }
         let step = self.step(plan, place, duty);
-        // With a changed plan the approach does not end. The next check of the experiment finds the change.
+        self.back_sum = self.back.sum();
+        // With a changed plan the approach does not end, either.
         let ends = !matches!(step, Ok(Some(_)));
         if ends && sum(plan) != plan_sum {
             return Ok(Some(Force::ZERO));
@@ -172,6 +193,24 @@ mod tests {
             (0..100).any(|_| output().is_none())
         };
         assert!(ends(sum(&plan)) && !ends(sum(&plan) ^ 1));
+    }
+
+    #[test]
+    fn a_flipped_bit_of_the_return_move_stops_its_push_and_is_told() {
+        let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
+        let duty = duty.build(&DESIGN, 60_000).unwrap();
+        let plan = ApproachPlan { back: BACK.build(&DESIGN).unwrap(), duty };
+        let mut approach = Approach::default();
+        let output = |approach: &mut Approach| {
+            let place = (Position::from_counts(-40_000), false);
+            approach.output((&plan, sum(&plan)), place, &Duty::default()).unwrap()
+        };
+        let pushes = (0..200).map(|_| output(&mut approach)).last().unwrap();
+        assert!(pushes > Some(Force::ZERO) && approach.is_whole());
+        approach.back.spoil();
+        for _ in 0..2 {
+            assert_eq!((output(&mut approach), approach.is_whole()), (Some(Force::ZERO), false));
+        }
     }
 
     #[test]

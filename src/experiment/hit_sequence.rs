@@ -83,7 +83,9 @@ impl HitSequence {
     pub fn is_whole(&self) -> bool {
         let begun = match &self.phase {
             Phase::Hit(hit) => self.hits && *hit.plan() == *self.hit,
-            Phase::Approach(_) => !self.hits && sum(&self.approach) == self.approach_sum,
+            Phase::Approach(approach) => {
+                !self.hits && approach.is_whole() && sum(&self.approach) == self.approach_sum
+            }
         };
         begun && self.hit.is_whole()
     }

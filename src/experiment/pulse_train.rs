@@ -113,7 +113,12 @@ impl PulseTrain {
         self.pulses.is_whole()
             && self.rest.is_whole()
             && self.phase.part() == self.part
-            && (self.part != Part::Approach || sum(&self.approach) == self.approach_sum)
+            && match &self.phase {
+                Phase::Approach(approach) => {
+                    approach.is_whole() && sum(&self.approach) == self.approach_sum
+                }
+                Phase::Push(_) | Phase::Rest(_) => true,
+            }
     }
 
     #[inline(always)]

@@ -25,6 +25,7 @@
 use crate::{
     Design, Gain,
     range::{SettingsError, within},
+    safety::sum,
     units::{Force, Position},
 };
 
@@ -208,6 +209,18 @@ pub struct Return {
 }
 
 impl Return {
+    /// A sum of the numbers that decide about the force for longer than one measurement of the speed.
+    #[inline(always)]
+    pub(super) fn sum(&self) -> u32 {
+        sum(&(self.reference.unwrap_or(i64::MIN), self.integral, self.planned))
+    }
+
+    /// Flips a bit of the reference.
+    #[cfg(test)]
+    pub(super) fn spoil(&mut self) {
+        self.reference = self.reference.map(|reference| reference ^ 1 << 40);
+    }
+
     /// Begins a new return move. Its first output is still to come.
     #[inline(always)]
     pub fn restart(&mut self) {
