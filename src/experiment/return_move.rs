@@ -251,7 +251,8 @@ impl Return {
         if first {
             (self.rest, self.past) = ((position, 0), [ahead; SPAN]);
         }
-        if self.left == 0 {
+        // It is above the pace only after a flipped bit.
+        if self.left == 0 || self.left > plan.pace {
             self.left = plan.pace;
             let at = self.oldest % SPAN;
             self.widened = ahead - core::mem::replace(&mut self.past[at], ahead);
