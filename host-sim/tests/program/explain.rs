@@ -17,7 +17,7 @@ fn folder() -> TempDir {
     let folder = TempDir::new().unwrap();
     let mut text = include_str!("../../../scenes/paper-2um.toml").to_owned();
     for (key, value) in [
-        ("settle_s", "0.3"),
+        ("settle_s", "1.0"),
         ("window_s", "0.1"),
         ("stiffness_start_n_per_m", "20000"),
         ("stiffness_step_n_per_m", "20000"),

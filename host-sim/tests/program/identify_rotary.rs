@@ -190,7 +190,7 @@ fn what_is_wrong_with_a_record_is_said_about_the_axis() {
     }
     // at its radius, the device has less than 5 g of mass
     let words = ["identify", "fit.csv", "--base", "paddle.toml", "--gain", "1e-4"];
-    let found = json(folder, &[&words[..], &["--terms", "none"]].concat());
+    let found = json(folder, &[&words[..], &["--friction"]].concat());
     let warnings = found["warnings"].to_string();
     assert!(warnings.contains("kg m^2: is --gain in N m/V and position_rad in rad"), "{warnings}");
 }

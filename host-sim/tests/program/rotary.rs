@@ -251,7 +251,7 @@ fn what_limits_the_walls_is_the_same_in_other_units() {
     let args = [&explain[..], &["--criterion", "rms", "--json"]].concat();
     same(&args, &args, &["out/boundary.csv"]);
     // Quiet walls, with shorter hits.
-    let short = ROTARY.replace("settle_s = 1.0", "settle_s = 0.2");
+    let short = ROTARY.replace("settle_s = 1.0", "settle_s = 0.3");
     let rotary = scene(&short.replace("window_s = 0.5", "window_s = 0.1"));
     let output = sim(rotary.path(), &explain);
     let text = String::from_utf8(output.stdout).unwrap();
