@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use crate::figure::figure;
 use host_sim::{
-    analysis::identify::{Drive, Estimate, Gain, Identification, Options, Record, Terms, identify},
+    analysis::identify::{Drive, Estimate, Gain, Identification, Options, Record, identify},
     plant::{Plant as _, PlantStep},
     scene::{Device, NamedScene, Rounding},
 };
@@ -307,7 +307,7 @@ fn a_hopeless_record_is_refused_with_the_reason() {
         (
             "another handle",
             Record { command: noise.command.iter().rev().copied().collect(), ..good.clone() },
-            Options { terms: Terms::NONE, ..opts },
+            opts,
             "of the motion",
         ),
         (
